@@ -1,0 +1,159 @@
+"""Formulas and numeric expressions: DomainFormula, ExprBase, ExprComposite, DomainAssignment, DomainInequality."""
+
+from collections.abc import Iterable, Mapping
+from typing import Annotated, Any
+
+from pydantic import BeforeValidator, model_validator
+
+from kbstore.errors import InvalidKnowledge
+from kbstore.messages.base import Message, format_number
+from kbstore.messages.enums import AssignOp, ComparisonType, ExprType, Operator, SpecialType
+
+
+class KeyValue(Message):
+    """A label with the object, or in an ungrounded formula the type, that belongs to it."""
+
+    key: str = ""
+    value: str = ""
+
+    def __init__(self, key: str = "", value: str = "", **data: Any) -> None:
+        super().__init__(key=key, value=value, **data)
+
+
+def _read_values(values: Any) -> Any:
+    """Labelled values from a mapping, KeyValues, objects with ``key`` and ``value``, or bare names."""
+    if isinstance(values, Mapping):
+        return tuple(KeyValue(key=label, value=name) for label, name in values.items())
+    if isinstance(values, str) or not isinstance(values, Iterable):
+        raise InvalidKnowledge(
+            f"values are {{label: name}}, a list of KeyValue, or a list of names, not {values!r:.80}"
+        )
+    return tuple(_read_value(value) for value in values)
+
+
+def _read_value(value: Any) -> KeyValue:
+    if isinstance(value, KeyValue):
+        return value
+    if isinstance(value, str):
+        return KeyValue.trusted(key="", value=value)
+    if isinstance(value, Mapping):
+        return KeyValue(**value)
+    if hasattr(value, "key") and hasattr(value, "value"):
+        return KeyValue(key=value.key, value=value.value)
+    raise InvalidKnowledge(f"a value is a name, a KeyValue or {{'key': label, 'value': name}}, not {value!r:.80}")
+
+
+Values = Annotated[tuple[KeyValue, ...], BeforeValidator(_read_values)]
+"""Arguments with their labels; labels are empty where only names were given."""
+
+
+class DomainFormula(Message):
+    """An atomic formula: ungrounded, its parameters map label to type; grounded, label to object."""
+
+    name: str = ""
+    typed_parameters: Values = ()
+
+    def __str__(self) -> str:
+        """A grounded formula in PDDL."""
+        return f"({' '.join([self.name, *(p.value for p in self.typed_parameters)])})"
+
+    def declaration(self) -> str:
+        """An ungrounded formula in PDDL, for instance ``(robot_at ?r - robot ?wp - waypoint)``."""
+        parameters = (f"?{p.key} - {p.value}" for p in self.typed_parameters)
+        return f"({' '.join([self.name, *parameters])})"
+
+
+class ExprBase(Message):
+    """One token of an expression in prefix order."""
+
+    expr_type: ExprType
+    constant: float = 0.0
+    function: DomainFormula = DomainFormula()
+    op: Operator = Operator.ADD
+    special_type: SpecialType = SpecialType.HASHT
+
+    @classmethod
+    def of(cls, token: "float | int | DomainFormula | Operator | SpecialType") -> "ExprBase":
+        """The token for a number, a function, an operator or a special number."""
+        match token:
+            case Operator():
+                return cls(expr_type=ExprType.OPERATOR, op=token)
+            case SpecialType():
+                return cls(expr_type=ExprType.SPECIAL, special_type=token)
+            case DomainFormula():
+                return cls(expr_type=ExprType.FUNCTION, function=token)
+            case _:
+                return cls(expr_type=ExprType.CONSTANT, constant=token)
+
+    def __str__(self) -> str:
+        match self.expr_type:
+            case ExprType.CONSTANT:
+                return format_number(self.constant)
+            case ExprType.FUNCTION:
+                return str(self.function)
+            case ExprType.OPERATOR:
+                return self.op.pddl
+            case ExprType.SPECIAL:
+                return self.special_type.pddl
+
+
+class ExprComposite(Message):
+    """A numeric expression: its tokens in prefix (Polish) order, of any depth."""
+
+    tokens: tuple[ExprBase, ...] = ()
+
+    @model_validator(mode="after")
+    def _check(self) -> "ExprComposite":
+        """Each operator needs its operands, and nothing may be left over."""
+        wanted = 1 if self.tokens else 0
+        for index, token in enumerate(self.tokens):
+            if wanted == 0:
+                raise InvalidKnowledge(f"the expression ends before its token {index + 1}, {token}")
+            wanted += token.op.arity - 1 if token.expr_type is ExprType.OPERATOR else -1
+        if wanted:
+            raise InvalidKnowledge(f"the expression {' '.join(map(str, self.tokens))!r:.80} lacks {wanted} operand(s)")
+        return self
+
+    def __str__(self) -> str:
+        """The expression in PDDL."""
+        words: list[str] = []
+        open_operands: list[int] = []
+        for token in self.tokens:
+            if token.expr_type is ExprType.OPERATOR:
+                words.append(f"({token.op.pddl}")
+                open_operands.append(token.op.arity)
+                continue
+            text = str(token)
+            while open_operands:
+                open_operands[-1] -= 1
+                if open_operands[-1]:
+                    break
+                open_operands.pop()
+                text += ")"
+            words.append(text)
+        return " ".join(words)
+
+
+class DomainAssignment(Message):
+    """The numeric effect of an action."""
+
+    assign_type: AssignOp = AssignOp.ASSIGN
+    LHS: DomainFormula = DomainFormula()
+    RHS: ExprComposite = ExprComposite()
+    grounded: bool = False
+
+    def __str__(self) -> str:
+        value = f"(* #t {self.RHS})" if self.assign_type is AssignOp.ASSIGN_CTS else str(self.RHS)
+        return f"({self.assign_type.pddl} {self.LHS} {value})"
+
+
+class DomainInequality(Message):
+    """A comparison of two numeric expressions."""
+
+    comparison_type: ComparisonType = ComparisonType.GREATER
+    LHS: ExprComposite = ExprComposite()
+    RHS: ExprComposite = ExprComposite()
+    grounded: bool = True
+
+    def __str__(self) -> str:
+        return f"({self.comparison_type.pddl} {self.LHS} {self.RHS})"

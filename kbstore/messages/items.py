@@ -1,0 +1,193 @@
+"""The KnowledgeItem in its five types, and the condition that no item can carry."""
+
+import math
+from collections.abc import Mapping
+from functools import cached_property
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, field_validator
+
+from kbstore.clock import time
+from kbstore.errors import InvalidKnowledge
+from kbstore.messages.base import Message, format_number
+from kbstore.messages.enums import AssignOp, KnowledgeType
+from kbstore.messages.formulas import DomainInequality, ExprComposite, Values
+from kbstore.names import key
+
+Time = Annotated[int, BeforeValidator(lambda value: 0 if value is None else time(value))]
+"""Nanoseconds; as an `initial_time`, 0 means now (T1)."""
+
+
+class _Item(Message):
+    initial_time: Time = 0
+    is_negative: bool = False
+
+    @property
+    def text(self) -> str:
+        """The item in PDDL without its sign."""
+        raise NotImplementedError
+
+    def __str__(self) -> str:
+        return f"(not {self.text})" if self.is_negative else self.text
+
+
+class Instance(_Item):
+    """An object, and its type: ``wp7 - waypoint``. Negative, the end of the object's existence."""
+
+    knowledge_type: Literal[KnowledgeType.INSTANCE] = KnowledgeType.INSTANCE
+    instance_type: str = ""
+    instance_name: str = ""
+
+    @property
+    def text(self) -> str:
+        """For instance ``wp7 - waypoint``."""
+        text = f"{self.instance_name} - {self.instance_type}" if self.instance_type else self.instance_name
+        return f"({text})" if self.is_negative else text
+
+
+class _Attribute(_Item):
+    attribute_name: str = ""
+    values: Values = ()
+
+    @cached_property
+    def arguments(self) -> tuple[str, ...]:
+        """The names of the arguments, in the item's order."""
+        return tuple(value.value for value in self.values)
+
+    @cached_property
+    def labels(self) -> tuple[str, ...]:
+        """The labels of the arguments, empty where there are none."""
+        return tuple(value.key for value in self.values)
+
+    @cached_property
+    def key(self) -> tuple[str, ...]:
+        """The attribute's name and the arguments as they are compared (rule D3)."""
+        return tuple(map(key, (self.attribute_name, *self.arguments)))
+
+    @property
+    def text(self) -> str:
+        """The atom in PDDL, for instance ``(robot_at kenny wp0)``."""
+        return f"({' '.join((self.attribute_name, *self.arguments))})"
+
+
+class Fact(_Attribute):
+    """A proposition: ``(robot_at kenny wp0)``. Negative, it is explicitly false (rule V2)."""
+
+    knowledge_type: Literal[KnowledgeType.FACT] = KnowledgeType.FACT
+
+
+class Function(_Attribute):
+    """A numeric function's value: ``(= (battery kenny) 80)``, or a change of it (rule C7).
+
+    `rate` is in units per second. In a question, without `function_value` it asks whether the function is defined.
+    """
+
+    knowledge_type: Literal[KnowledgeType.FUNCTION] = KnowledgeType.FUNCTION
+    function_value: float | None = None
+    assign_op: AssignOp = AssignOp.ASSIGN
+    rate: float = 0.0
+
+    @field_validator("function_value", "rate", mode="before")
+    @classmethod
+    def _finite(cls, value: Any) -> Any:
+        if isinstance(value, bool) or (isinstance(value, float) and not math.isfinite(value)):
+            raise InvalidKnowledge(f"{value!r} is not a value for a numeric function; give a finite number")
+        return value
+
+    @property
+    def atom(self) -> str:
+        """The function's term in PDDL, for instance ``(battery kenny)``."""
+        return super().text
+
+    @property
+    def text(self) -> str:
+        """The assignment in PDDL, for instance ``(increase (battery kenny) 5)``."""
+        if self.function_value is None:
+            return self.atom
+        value = format_number(self.function_value)
+        match self.assign_op:
+            case AssignOp.ASSIGN:
+                return f"(= {self.atom} {value})"
+            case AssignOp.ASSIGN_CTS:
+                return f"(increase {self.atom} (* #t {value}))"
+            case operation:
+                return f"({operation.pddl} {self.atom} {value})"
+
+
+class Expression(_Item):
+    """The metric: ``minimize (total-time)``."""
+
+    knowledge_type: Literal[KnowledgeType.EXPRESSION] = KnowledgeType.EXPRESSION
+    optimization: str = ""
+    expr: ExprComposite = ExprComposite()
+
+    @field_validator("optimization")
+    @classmethod
+    def _known(cls, value: str) -> str:
+        if value.lower() not in ("", "minimize", "maximize"):
+            raise InvalidKnowledge(f"a metric says 'minimize' or 'maximize', not {value!r:.60}")
+        return value.lower()
+
+    @property
+    def text(self) -> str:
+        """For instance ``minimize (total-time)``."""
+        return f"{self.optimization} {self.expr}".strip()
+
+
+class Inequality(_Item):
+    """A comparison of two numeric expressions: ``(> (battery kenny) 20)``."""
+
+    knowledge_type: Literal[KnowledgeType.INEQUALITY] = KnowledgeType.INEQUALITY
+    ineq: DomainInequality
+
+    @property
+    def text(self) -> str:
+        """For instance ``(> (battery kenny) 20)``."""
+        return str(self.ineq)
+
+
+class Condition(Message):
+    """A goal that no KnowledgeItem can carry (a disjunction, a quantified or preferred goal), in PDDL text."""
+
+    text: str
+    initial_time: Time = 0
+
+    def __str__(self) -> str:
+        return self.text
+
+
+KnowledgeItem = Instance | Fact | Function | Expression | Inequality
+"""A piece of what is known."""
+
+Goal = Fact | Inequality | Condition
+"""A part of the goal (rule C10)."""
+
+_MODELS: dict[int, type[KnowledgeItem]] = {
+    KnowledgeType.INSTANCE: Instance,
+    KnowledgeType.FACT: Fact,
+    KnowledgeType.FUNCTION: Function,
+    KnowledgeType.EXPRESSION: Expression,
+    KnowledgeType.INEQUALITY: Inequality,
+}
+_FIELDS = frozenset(name for model in _MODELS.values() for name in model.model_fields)
+
+
+def from_message(message: object) -> KnowledgeItem:
+    """The item from a mapping in the shape of the ROS message, or from an object with its attributes.
+
+    Fields of other knowledge types are ignored, as a ROS message always has them all; a field that no KnowledgeItem
+    has is refused, and so is a message without `knowledge_type`.
+    """
+    if isinstance(message, Mapping):
+        fields = dict(message)
+        unknown = fields.keys() - _FIELDS
+        if unknown:
+            raise InvalidKnowledge(f"a KnowledgeItem has no field {', '.join(sorted(map(repr, unknown)))}")
+    else:
+        fields = {name: getattr(message, name) for name in _FIELDS if hasattr(message, name)}
+    number = fields.pop("knowledge_type", None)
+    model = None if isinstance(number, bool) or not hasattr(number, "__index__") else _MODELS.get(int(number))  # type: ignore[call-overload]
+    if model is None:
+        expected = ", ".join(f"{kind.name} {kind.value}" for kind in KnowledgeType)
+        raise InvalidKnowledge(f"{message!r:.80} is not a KnowledgeItem: its knowledge_type is one of {expected}")
+    return model(**{name: value for name, value in fields.items() if name in model.model_fields})

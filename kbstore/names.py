@@ -1,0 +1,62 @@
+"""Names of objects, types, predicates and functions (rule D3): how they are compared, and which are accepted."""
+
+import re
+
+from kbstore.errors import InvalidKnowledge
+
+MAX_LENGTH = 255
+
+_PLAIN = re.compile(r"[A-Za-z][A-Za-z0-9_\-]*\Z")
+_FORBIDDEN = re.compile(
+    r"[\s()\[\]{}\"'`;\x00-\x1f\x7f-\x9f\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff\ud800-\udfff]"
+)
+
+
+def key(name: str) -> str:
+    """The form in which names are compared: case does not matter.
+
+    >>> key("Kenny")
+    'kenny'
+    """
+    return name.lower()
+
+
+def is_wildcard(name: str) -> bool:
+    """Whether an argument of a question or a removal matches any object: ``?``, ``?name`` or empty (rule V7)."""
+    return not name or name[0] == "?"
+
+
+def problem(name: str) -> str | None:
+    """What is wrong with a name in knowledge, as the end of a sentence that begins with the name; None if nothing.
+
+    Accepts PDDL names, and what message-based clients send beyond them as long as PDDL text with it can be
+    read back.
+    """
+    if _PLAIN.match(name) and len(name) <= MAX_LENGTH:
+        return None
+    if not name:
+        return "is empty; give a PDDL name, like wp7"
+    if len(name) > MAX_LENGTH:
+        return f"has {len(name)} characters; at most {MAX_LENGTH} are accepted"
+    if name[0] == "?":
+        return "is a variable; knowledge speaks of objects by name"
+    found = _FORBIDDEN.search(name)
+    if found:
+        return (
+            f"contains {found.group()!r}; names are PDDL names: a letter, then letters, digits, '-' and '_' "
+            "(no white space, brackets, quotes, ';' or control characters)"
+        )
+    if name == "-":
+        return "is PDDL's mark between names and their type, and cannot be a name"
+    return None
+
+
+def check(name: str, what: str) -> None:
+    """Raise `InvalidKnowledge` if `name`, the name of `what` ("object", "type"), is not acceptable."""
+    wrong = problem(name)
+    if wrong:
+        raise InvalidKnowledge(f"the {what} name {_shown(name)} {wrong}")
+
+
+def _shown(name: str) -> str:
+    return repr(name if len(name) <= 60 else name[:57] + "...")
