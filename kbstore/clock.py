@@ -92,10 +92,7 @@ def time(x: object) -> int:
     with ``sec``/``nanosec``, ``secs``/``nsecs`` or ``nanoseconds`` (an object or a mapping). Raises `InvalidTime`
     for anything else, and for times outside 0 <= t < 2**62.
     """
-    if type(x) is int:
-        t = x
-    else:
-        t = _convert(x)
+    t = x if type(x) is int else _convert(x)
     if not 0 <= t < TIME_LIMIT:
         raise InvalidTime(f"the time {x!r} is outside 0 <= t < 2**62 nanoseconds (the year 2116)")
     return t

@@ -159,7 +159,7 @@ class Delete:
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """A numeric effect. A continuous one (`ASSIGN_CTS`) adds `value` per second to the function's rate while it runs."""
+    """A numeric effect; a continuous one (`ASSIGN_CTS`) adds `value` per second to the function's rate."""
 
     operation: AssignOp
     function: Atom

@@ -186,7 +186,7 @@ def from_message(message: object) -> KnowledgeItem:
     else:
         fields = {name: getattr(message, name) for name in _FIELDS if hasattr(message, name)}
     number = fields.pop("knowledge_type", None)
-    model = None if isinstance(number, bool) or not hasattr(number, "__index__") else _MODELS.get(int(number))  # type: ignore[call-overload]
+    model = None if isinstance(number, bool) or not hasattr(number, "__index__") else _MODELS.get(int(number))
     if model is None:
         expected = ", ".join(f"{kind.name} {kind.value}" for kind in KnowledgeType)
         raise InvalidKnowledge(f"{message!r:.80} is not a KnowledgeItem: its knowledge_type is one of {expected}")
