@@ -1,0 +1,1 @@
+"""Rows and messages: the tables of a store, every SQL statement, and who runs them."""

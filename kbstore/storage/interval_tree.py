@@ -29,5 +29,6 @@ def node(start: int, end: int) -> int | None:
 # The nodes on the path to :t that lie left of it, and those right of it (or on it), as subqueries. The IN form is
 # deliberate: after ANALYZE, SQLite puts a Bloom filter over a join with the levels and scans the whole index.
 LEVELS_CTE = f"WITH RECURSIVE level(h) AS (SELECT 0 UNION ALL SELECT h + 1 FROM level WHERE h < {LEVELS})"
-NODES_RIGHT = "(SELECT (((:t + 1) >> h) | 1) << h FROM level WHERE ((:t + 1) >> h) & 1 = 0)"
-NODES_LEFT = "(SELECT ((:t + 1) >> h) << h FROM level WHERE ((:t + 1) >> h) & 1 = 1)"
+_T = "(CAST(:t AS BIGINT) + 1)"
+NODES_RIGHT = f"(SELECT (({_T} >> h) | 1) << h FROM level WHERE ({_T} >> h) & 1 = 0)"
+NODES_LEFT = f"(SELECT ({_T} >> h) << h FROM level WHERE ({_T} >> h) & 1 = 1)"

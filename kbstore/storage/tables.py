@@ -5,8 +5,6 @@ this stood on its timeline. Rows are never deleted (but by archiving) and change
 when they end, and when they are cancelled.
 """
 
-from enum import IntEnum
-
 from sqlalchemy import (
     BigInteger,
     Boolean,
@@ -42,24 +40,6 @@ _Key = Text().with_variant(Text(collation="C"), "postgresql")
 
 _Id = BigInteger().with_variant(Integer, "sqlite")
 """A row's number; on SQLite the rowid itself."""
-
-
-class Role(IntEnum):
-    """What a timeline's assertions are for the knowledge base."""
-
-    STATE = 0
-    GOAL = 1
-    CONSTRAINT = 2
-
-
-class EndCause(IntEnum):
-    """Why a transaction ended an assertion at its own time."""
-
-    REMOVED = 1
-    REPLACED = 2
-    OBJECT = 3
-    CLEARED = 4
-    RUN = 5
 
 
 knowledge_bases = Table(

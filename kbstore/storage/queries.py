@@ -1,0 +1,282 @@
+"""Every SQL statement of kbstore, by name.
+
+Statements are written once for SQLite and PostgreSQL (see `Statement`). Rows of the five tables of assertions are
+read by the same statements with each table's own columns; `for_kind` has them by knowledge type.
+"""
+
+from kbstore.clock import OPEN
+from kbstore.messages import KnowledgeType
+from kbstore.storage.engine import Statement
+from kbstore.storage.interval_tree import LEVELS_CTE, NODES_LEFT, NODES_RIGHT
+
+# -- knowledge bases and transactions -------------------------------------------------------------------------
+
+knowledge_base_names = Statement("SELECT name FROM knowledge_bases ORDER BY name")
+
+find_knowledge_base = Statement("SELECT id, use_unknowns FROM knowledge_bases WHERE name = :name")
+
+add_knowledge_base = Statement(
+    "INSERT INTO knowledge_bases"
+    " (name, use_unknowns, last_number, last_time, history_from, domain_version, last_run)"
+    " VALUES (:name, :use_unknowns, 0, 0, 0, 0, 0) ON CONFLICT (name) DO NOTHING"
+)
+
+_HEAD = "SELECT last_number, last_time, history_from, domain_version, last_run FROM knowledge_bases WHERE id = :kb"
+
+head = Statement(_HEAD)
+
+head_for_update = Statement(_HEAD + " FOR UPDATE")
+
+advance_head = Statement(
+    "UPDATE knowledge_bases SET last_number = :number, last_time = :time,"
+    " domain_version = :domain_version, last_run = :last_run WHERE id = :kb"
+)
+
+add_transaction = Statement(
+    "INSERT INTO transactions (kb_id, number, recorded_time, changes, client, note)"
+    " VALUES (:kb, :number, :time, :changes, :client, :note)"
+)
+
+_TRANSACTION = "SELECT number, recorded_time, changes, client, note FROM transactions WHERE kb_id = :kb"
+
+transactions_between = Statement(_TRANSACTION + " AND number > :after AND number <= :upto ORDER BY number")
+
+transactions_numbered = Statement(_TRANSACTION + " AND number IN (SELECT value FROM EACH(numbers AS bigint))")
+
+last_transaction_at = Statement(
+    "SELECT number FROM transactions WHERE kb_id = :kb AND number >= :number AND recorded_time = :time"
+    " ORDER BY number DESC LIMIT 1"
+)
+
+# -- domains and symbols --------------------------------------------------------------------------------------
+
+domain_versions = Statement(
+    "SELECT version, initial_time, recorded_tx, source, sensed FROM domains"
+    " WHERE kb_id = :kb AND version > :after ORDER BY version"
+)
+
+add_domain = Statement(
+    "INSERT INTO domains (kb_id, version, initial_time, recorded_tx, name, source, sensed)"
+    " VALUES (:kb, :version, :time, :number, :name, :source, :sensed)"
+)
+
+symbols = Statement("SELECT knowledge_type, key, name, arity, labels FROM symbols WHERE kb_id = :kb")
+
+put_symbol = Statement(
+    "INSERT INTO symbols (kb_id, knowledge_type, key, name, arity, labels)"
+    " VALUES (:kb, :kind, :key, :name, :arity, :labels)"
+    " ON CONFLICT (kb_id, knowledge_type, key) DO UPDATE SET labels = excluded.labels"
+)
+
+# -- timelines ------------------------------------------------------------------------------------------------
+
+_TIMELINE = "SELECT id, role, knowledge_type, key, spelling FROM timelines WHERE kb_id = :kb"
+
+timelines_by_id = Statement(
+    "SELECT t.id, t.role, t.knowledge_type, t.key, t.spelling"
+    " FROM EACH(ids AS bigint) CROSS JOIN timelines t WHERE t.id = value AND t.kb_id = :kb"
+)
+
+timelines_by_key = Statement(
+    "SELECT t.id, t.role, t.knowledge_type, t.key, t.spelling FROM EACH(keys AS text) CROSS JOIN timelines t"
+    " WHERE t.kb_id = :kb AND t.role = :role AND t.knowledge_type = :kind AND t.key = value"
+)
+
+timeline_by_key = Statement(_TIMELINE + " AND role = :role AND knowledge_type = :kind AND key = :key")
+
+timelines_of_symbol = Statement(
+    _TIMELINE + " AND role = :role AND knowledge_type = :kind AND (key = :name OR (key >= :first AND key < :last))"
+)
+
+timelines_of_kind = Statement(_TIMELINE + " AND role = :role AND knowledge_type = :kind")
+
+timelines_mentioning = Statement(
+    "SELECT t.id, t.role, t.knowledge_type, t.key, t.spelling"
+    " FROM EACH(ids AS bigint) CROSS JOIN mentions m CROSS JOIN timelines t"
+    " WHERE m.kb_id = :kb AND m.object_id = value AND t.id = m.timeline_id"
+)
+
+last_timeline_id = Statement("SELECT coalesce(max(id), 0) FROM timelines")
+
+next_timeline_ids = Statement(
+    "SELECT nextval(pg_get_serial_sequence('timelines', 'id')) FROM generate_series(1, CAST(:count AS integer))"
+)
+
+add_timeline = Statement(
+    "INSERT INTO timelines (id, kb_id, role, knowledge_type, key, spelling)"
+    " VALUES (:id, :kb, :role, :kind, :key, :spelling)"
+)
+
+add_mention = Statement("INSERT INTO mentions (kb_id, object_id, timeline_id) VALUES (:kb, :object, :timeline)")
+
+
+class AssertionQueries:
+    """The statements for one of the five tables of assertions."""
+
+    def __init__(self, table: str, *own: str) -> None:
+        self.table = table
+        value = ", ".join(("is_negative", *own))
+        standing = f"timeline_id, initial_time, {value}"
+        stored = f"id, timeline_id, initial_time, end_time, recorded_time, {value}"
+        recorded = f"timeline_id, initial_time, end_time, recorded_tx, ended_tx, cancelled_tx, end_cause, {value}"
+        kb = "kb_id = :kb"
+
+        def in_tree(columns: str, also: str = "") -> str:
+            """What stands at :t: intervals kept left of it, right of it, and those that are open."""
+            source = f"SELECT {columns} FROM {table} WHERE {kb}"
+            return (
+                f"{LEVELS_CTE} {source} AND node IN {NODES_RIGHT} AND initial_time <= :t{also}"
+                f" UNION ALL {source} AND node IN {NODES_LEFT} AND end_time > :t{also}"
+                f" UNION ALL {source} AND end_time = {OPEN} AND initial_time <= :t{also}"
+            )
+
+        self.standing = Statement(in_tree(standing))
+        """What stands at :t."""
+
+        self.standing_as_of = Statement(
+            in_tree(standing, " AND recorded_tx <= :number")
+            + f" UNION ALL SELECT {standing} FROM {table} WHERE {kb} AND ended_tx > :number AND ended_tx <= :latest"
+            " AND end_time = :t AND initial_time <= :t AND recorded_tx <= :number"
+        )
+        """What stood at :t after the transaction :number, when :latest is the last transaction of that time."""
+
+        pending_nodes = f"(pending_node IN {NODES_RIGHT} OR pending_node IN {NODES_LEFT})"
+        pending = (
+            f"{LEVELS_CTE} SELECT {standing} FROM {table} WHERE {kb} AND {pending_nodes}"
+            " AND recorded_time <= :t AND initial_time > :t AND (cancelled_time IS NULL OR cancelled_time > :t)"
+        )
+        self.pending = Statement(pending)
+        """What had been recorded by :t, was not cancelled at :t, and takes effect after :t."""
+
+        self.pending_as_of = Statement(
+            f"{pending} AND recorded_tx <= :number UNION ALL SELECT {standing} FROM {table} WHERE {kb}"
+            " AND cancelled_tx > :number AND cancelled_tx <= :latest AND recorded_tx <= :number"
+        )
+        """The same after the transaction :number."""
+
+        self.ahead = Statement(
+            f"{LEVELS_CTE} SELECT {stored} FROM {table} WHERE {kb} AND {pending_nodes}"
+            " AND recorded_time <= :t AND initial_time > :t AND cancelled_tx IS NULL"
+        )
+        """The stored rows that lie ahead of :t."""
+
+        latest = (
+            f"SELECT max(g.initial_time) FROM {table} g WHERE g.{kb} AND g.timeline_id = value"
+            " AND g.initial_time <= :t AND g.end_time > g.initial_time"
+        )
+        self.live = Statement(
+            f"SELECT {', '.join('f.' + column for column in stored.split(', '))}"
+            f" FROM EACH(ids AS bigint) CROSS JOIN {table} f WHERE f.{kb} AND f.timeline_id = value"
+            f" AND f.end_time > f.initial_time AND f.initial_time >= coalesce(({latest}), 0)"
+        )
+        """For each timeline the latest row that is not after :t, ended or not, and all that lie ahead of :t."""
+
+        self.point = Statement(
+            "SELECT k.last_number, k.last_time, k.history_from, k.domain_version, k.last_run,"
+            f" f.end_time, f.initial_time, {', '.join('f.' + column for column in value.split(', '))}"
+            f" FROM knowledge_bases k LEFT JOIN {table} f ON f.id = (SELECT g.id FROM {table} g"
+            " WHERE g.kb_id = :kb AND g.timeline_id = :timeline AND g.initial_time <= :t"
+            " AND g.end_time > g.initial_time ORDER BY g.initial_time DESC LIMIT 1) WHERE k.id = :kb"
+        )
+        """The head of the knowledge base, and the latest row of one timeline that is not after :t."""
+
+        self.history = Statement(
+            f"SELECT {recorded} FROM {table} WHERE {kb}"
+            " AND timeline_id IN (SELECT value FROM EACH(ids AS bigint)) AND end_time > initial_time"
+            " AND initial_time < :until AND initial_time >= :first"
+            f" UNION ALL SELECT {recorded} FROM {table} WHERE {kb}"
+            " AND timeline_id IN (SELECT value FROM EACH(ids AS bigint)) AND end_time <= initial_time"
+            " AND initial_time < :until AND initial_time >= :first"
+        )
+        """All rows of some timelines that begin in [:first, :until), those of no length and cancelled ones included."""
+
+        self.latest_start = Statement(
+            f"SELECT coalesce(max(initial_time), 0) FROM {table} WHERE {kb} AND timeline_id = :timeline"
+            " AND initial_time <= :t AND end_time > initial_time"
+        )
+        """When the latest row of a timeline that is not after :t begins; 0 if there is none."""
+
+        self.recorded = Statement(
+            f"SELECT {recorded} FROM {table} WHERE {kb} AND recorded_tx > :after AND recorded_tx <= :upto ORDER BY id"
+        )
+        self.ended = Statement(
+            f"SELECT {recorded} FROM {table} WHERE {kb} AND ended_tx > :after AND ended_tx <= :upto ORDER BY id"
+        )
+        self.cancelled = Statement(
+            f"SELECT {recorded} FROM {table} WHERE {kb} AND cancelled_tx > :after AND cancelled_tx <= :upto ORDER BY id"
+        )
+        """The rows that the transactions after :after and up to :upto recorded, ended and cancelled."""
+
+        columns = ("timeline_id", "initial_time", "end_time", "recorded_time", "node", "pending_node", "is_negative")
+        self.add = Statement(
+            f"INSERT INTO {table} (kb_id, recorded_tx, {', '.join((*columns, *own))})"
+            f" VALUES (:kb, :number, {', '.join(':' + column for column in (*columns, *own))})"
+        )
+        self.end = Statement(
+            f"UPDATE {table} SET end_time = :end_time, node = :node, ended_tx = :number, end_cause = :cause"
+            f" WHERE id = :id AND {kb}"
+        )
+        """End a row at a transaction's own time."""
+
+        self.cancel = Statement(
+            f"UPDATE {table} SET end_time = initial_time, node = NULL, pending_node = :pending_node,"
+            f" cancelled_tx = :number, cancelled_time = :time WHERE id = :id AND {kb}"
+        )
+        self.settle = Statement(f"UPDATE {table} SET end_time = :end_time, node = :node WHERE id = :id AND {kb}")
+        """Give a row the end that is derived for it."""
+
+
+for_kind: dict[KnowledgeType, AssertionQueries] = {
+    KnowledgeType.INSTANCE: AssertionQueries("instances", "instance_type"),
+    KnowledgeType.FACT: AssertionQueries("facts"),
+    KnowledgeType.FUNCTION: AssertionQueries("functions", "function_value", "own_rate", "rate"),
+    KnowledgeType.EXPRESSION: AssertionQueries("expressions", "optimization", "expr"),
+    KnowledgeType.INEQUALITY: AssertionQueries("inequalities", "comparison_type", "lhs", "rhs", "grounded"),
+}
+
+value_columns: dict[KnowledgeType, tuple[str, ...]] = {
+    KnowledgeType.INSTANCE: ("is_negative", "instance_type"),
+    KnowledgeType.FACT: ("is_negative",),
+    KnowledgeType.FUNCTION: ("is_negative", "function_value", "own_rate", "rate"),
+    KnowledgeType.EXPRESSION: ("is_negative", "optimization", "expr"),
+    KnowledgeType.INEQUALITY: ("is_negative", "comparison_type", "lhs", "rhs", "grounded"),
+}
+
+settle_rate = Statement("UPDATE functions SET rate = :rate WHERE id = :id AND kb_id = :kb")
+"""Give a scheduled value the rate that is derived for it: its own, and what runs adds."""
+
+# -- runs -----------------------------------------------------------------------------------------------------
+
+_RUN = "SELECT number, operator, arguments, initial_time, duration FROM runs WHERE kb_id = :kb"
+
+running = Statement(
+    f"{LEVELS_CTE} {_RUN} AND node IN {NODES_RIGHT} AND initial_time <= :t"
+    f" UNION ALL {_RUN} AND node IN {NODES_LEFT} AND end_time > :t"
+    f" UNION ALL {_RUN} AND end_time = {OPEN} AND initial_time <= :t"
+)
+
+running_as_of = Statement(
+    f"{LEVELS_CTE} {_RUN} AND node IN {NODES_RIGHT} AND initial_time <= :t AND recorded_tx <= :number"
+    f" UNION ALL {_RUN} AND node IN {NODES_LEFT} AND end_time > :t AND recorded_tx <= :number"
+    f" UNION ALL {_RUN} AND end_time = {OPEN} AND initial_time <= :t AND recorded_tx <= :number"
+    f" UNION ALL {_RUN} AND ended_tx > :number AND end_time = :t AND initial_time <= :t AND recorded_tx <= :number"
+)
+
+run_rates = Statement(
+    "SELECT run_number, timeline_id, rate FROM run_rates WHERE kb_id = :kb"
+    " AND run_number IN (SELECT value FROM EACH(numbers AS bigint)) ORDER BY run_number"
+)
+
+add_run = Statement(
+    "INSERT INTO runs (kb_id, number, operator, arguments, initial_time, duration, end_time, recorded_tx)"
+    f" VALUES (:kb, :run, :operator, :arguments, :time, :duration, {OPEN}, :number)"
+)
+
+add_run_rate = Statement(
+    "INSERT INTO run_rates (kb_id, run_number, timeline_id, rate) VALUES (:kb, :run, :timeline, :rate)"
+)
+
+end_run = Statement(
+    "UPDATE runs SET end_time = :time, node = :node, outcome = :outcome, ended_tx = :number"
+    " WHERE kb_id = :kb AND number = :run"
+)

@@ -1,0 +1,150 @@
+"""Timelines: what an assertion is about, and how a knowledge item becomes one and is read back.
+
+A timeline is the whole life of one ground thing in one role. What stands on it at a moment is a *value*: a tuple
+of `is_negative` and the columns of the knowledge type's own table, in their order:
+
+===========  ===============================================================
+INSTANCE     ``(is_negative, type)``
+FACT         ``(is_negative,)``
+FUNCTION     ``(False, value at its initial time, own rate, rate)``
+EXPRESSION   ``(False, optimization, expression)``, of a condition ``(False, "", text)``
+INEQUALITY   ``(is_negative, comparison, left side, right side, grounded)``
+===========  ===============================================================
+"""
+
+from collections.abc import Sequence
+from enum import IntEnum
+from typing import Any, NamedTuple
+
+from kbstore.clock import SECOND
+from kbstore.logic import (
+    Atom,
+    Comparison,
+    Condition,
+    Defined,
+    Exists,
+    Forall,
+    Imply,
+    IsA,
+    Not,
+    Preference,
+    Same,
+    Truism,
+)
+from kbstore.messages import KeyValue, KnowledgeType
+from kbstore.names import key
+
+Value = tuple[Any, ...]
+
+METRIC_KEY = ""
+"""The key of the one timeline of the metric (rule C11)."""
+
+
+class Role(IntEnum):
+    """What a timeline's assertions are for the knowledge base."""
+
+    STATE = 0
+    GOAL = 1
+    CONSTRAINT = 2
+
+
+class EndCause(IntEnum):
+    """Why a transaction ended an assertion at its own time."""
+
+    REMOVED = 1
+    REPLACED = 2
+    OBJECT = 3
+    CLEARED = 4
+    RUN = 5
+
+
+class Identity(NamedTuple):
+    """What a timeline is about, in the form in which it is compared."""
+
+    role: Role
+    kind: KnowledgeType
+    key: str
+
+
+class Timeline:
+    """One timeline; `id` is 0 until it is stored."""
+
+    __slots__ = ("_labelled", "arguments", "id", "kind", "keys", "name", "role", "spelling")
+
+    def __init__(self, id: int, role: int, kind: int, key: str, spelling: str | None) -> None:
+        self.id = id
+        self.role = Role(role)
+        self.kind = KnowledgeType(kind)
+        self.spelling = key if spelling is None else spelling
+        if self.kind in _ATOMS:
+            self.keys = tuple(key.split(" "))
+            self.name, *arguments = self.spelling.split(" ")
+            self.arguments = tuple(arguments)
+        else:
+            self.keys = (key,)
+            self.name = self.spelling
+            self.arguments = ()
+        self._labelled: tuple[Sequence[str], tuple[KeyValue, ...]] | None = None
+
+    @property
+    def key(self) -> str:
+        """What it is about, as it is compared."""
+        return " ".join(self.keys)
+
+    @property
+    def identity(self) -> Identity:
+        """Role, knowledge type and key."""
+        return Identity(self.role, self.kind, self.key)
+
+    def labelled(self, labels: Sequence[str]) -> tuple[KeyValue, ...]:
+        """The arguments with their labels."""
+        known = self._labelled
+        if known is not None and known[0] is labels:
+            return known[1]
+        values = tuple(
+            KeyValue.trusted(key=label, value=argument) for label, argument in zip(labels, self.arguments, strict=True)
+        )
+        self._labelled = (labels, values)
+        return values
+
+    def __repr__(self) -> str:
+        return f"Timeline({self.id}, {self.role.name}, {self.kind.name}, {self.spelling!r})"
+
+
+_ATOMS = frozenset((KnowledgeType.FACT, KnowledgeType.FUNCTION))
+
+
+def number_at(value: Value, initial_time: int, t: int) -> float:
+    """The value at `t` of a function's assertion (rule C7, in that order of operations)."""
+    number: float = value[1]
+    rate: float = value[3]
+    return number + rate * ((t - initial_time) / SECOND) if rate else number
+
+
+def objects_in(condition: Condition) -> set[str]:
+    """The keys of the objects that a condition mentions by name."""
+    found: set[str] = set()
+    stack: list[Condition] = [condition]
+    while stack:
+        part = stack.pop()
+        match part:
+            case Atom() | Defined(Atom()):
+                atom = part if isinstance(part, Atom) else part.function
+                found.update(map(key, atom.arguments))
+            case Comparison():
+                for token in (*part.left, *part.right):
+                    if isinstance(token, Atom):
+                        found.update(map(key, token.arguments))
+            case Same():
+                found.update((key(part.left), key(part.right)))
+            case IsA():
+                found.add(key(part.name))
+            case Imply():
+                stack += (part.premise, part.conclusion)
+            case Not() | Exists() | Forall() | Preference():
+                stack.append(part.part)
+            case Truism():
+                pass
+            case _:
+                stack += part.parts
+    return {name for name in found if name and name[0] != "?"}
