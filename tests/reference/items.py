@@ -1,0 +1,190 @@
+"""What can be told to the reference: items of knowledge, and a domain to check them against."""
+
+from dataclasses import dataclass, field, replace
+
+SECOND = 1_000_000_000
+WILDCARD = "?"
+ROOT = "object"
+
+Timeline = tuple[object, ...]
+"""What identifies the whole life of one ground thing: the role, the kind of knowledge, and its name."""
+
+
+@dataclass(frozen=True)
+class Object:
+    """An object with its type; negative, the end of its existence."""
+
+    name: str
+    type: str = ""
+    positive: bool = True
+
+    kind = "object"
+
+    @property
+    def identity(self) -> tuple[object, ...]:
+        return (self.name,)
+
+    @property
+    def mentions(self) -> frozenset[str]:
+        """An object does not depend on itself: its own timeline is never ended by itself."""
+        return frozenset()
+
+
+@dataclass(frozen=True)
+class Fact:
+    """A fact, or with `positive` False an explicit falsehood."""
+
+    name: str
+    arguments: tuple[str, ...] = ()
+    positive: bool = True
+
+    kind = "fact"
+
+    @property
+    def identity(self) -> tuple[object, ...]:
+        return (self.name, self.arguments)
+
+    @property
+    def mentions(self) -> frozenset[str]:
+        return frozenset(self.arguments)
+
+
+@dataclass(frozen=True)
+class Number:
+    """The value of a function, or a change of it: `operation` is the word of rule C7 in lower case."""
+
+    name: str
+    arguments: tuple[str, ...] = ()
+    value: float = 0.0
+    rate: float = 0.0
+    operation: str = "assign"
+
+    kind = "function"
+
+    @property
+    def identity(self) -> tuple[object, ...]:
+        return (self.name, self.arguments)
+
+    @property
+    def mentions(self) -> frozenset[str]:
+        return frozenset(self.arguments)
+
+    def at(self, start: int, t: int) -> float:
+        """The value at t of what was told at `start` (rule C7, in its order of operations)."""
+        return self.value + self.rate * ((t - start) / SECOND) if self.rate else self.value
+
+
+Term = tuple[str, tuple[str, ...]]
+"""A function with its arguments, as a metric or a comparison reads it."""
+
+
+@dataclass(frozen=True)
+class Metric:
+    """The metric as its PDDL text, with the functions that it reads. An empty text in a removal matches any."""
+
+    text: str = ""
+    reads: tuple[Term, ...] = field(default=(), compare=False)
+
+    kind = "metric"
+
+    @property
+    def identity(self) -> tuple[object, ...]:
+        return ()
+
+    @property
+    def mentions(self) -> frozenset[str]:
+        return frozenset(argument for _, arguments in self.reads for argument in arguments)
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """A recorded inequality (or a goal of that form) as its PDDL text, with the functions that it reads."""
+
+    text: str
+    reads: tuple[Term, ...] = field(default=(), compare=False)
+    positive: bool = True
+
+    kind = "inequality"
+
+    @property
+    def identity(self) -> tuple[object, ...]:
+        return (self.text,)
+
+    @property
+    def mentions(self) -> frozenset[str]:
+        return frozenset(argument for _, arguments in self.reads for argument in arguments)
+
+
+@dataclass(frozen=True)
+class Condition:
+    """A goal that is neither a fact nor an inequality, as its PDDL text, with the facts that it speaks of."""
+
+    text: str
+    facts: tuple[Fact, ...] = field(default=(), compare=False)
+
+    kind = "condition"
+
+    @property
+    def identity(self) -> tuple[object, ...]:
+        return (self.text,)
+
+    @property
+    def mentions(self) -> frozenset[str]:
+        return frozenset(argument for fact in self.facts for argument in fact.arguments)
+
+
+Item = Object | Fact | Number | Metric | Comparison | Condition
+
+
+def timeline(role: str, item: Item) -> Timeline:
+    """The timeline that an item in a role ("state" or "goal") belongs to."""
+    return (role, item.kind, *item.identity)
+
+
+def same(one: Item, one_start: int, other: Item, other_start: int, t: int) -> bool:
+    """Whether two items of one timeline say the same at t (rule C2)."""
+    if isinstance(one, Number) and isinstance(other, Number):
+        return one.at(one_start, t) == other.at(other_start, t) and one.rate == other.rate
+    return one == other
+
+
+def matches(pattern: Item, item: Item) -> bool:
+    """Whether a removal's pattern matches an item of the same kind (rules V7, C4)."""
+    if isinstance(pattern, Object) and isinstance(item, Object):
+        return replace(pattern, type=pattern.type or item.type) == item
+    if isinstance(pattern, Metric) and isinstance(item, Metric):
+        return pattern.text in ("", item.text)
+    if isinstance(pattern, Fact | Number) and isinstance(item, Fact | Number):
+        return (
+            pattern.name == item.name
+            and len(pattern.arguments) == len(item.arguments)
+            and all(
+                wanted in (WILDCARD, found) for wanted, found in zip(pattern.arguments, item.arguments, strict=True)
+            )
+            and getattr(pattern, "positive", True) == getattr(item, "positive", True)
+        )
+    return pattern == item
+
+
+Signature = tuple[tuple[str, ...], ...]
+"""The types that each parameter accepts; several are an ``either``."""
+
+
+@dataclass(frozen=True)
+class RefDomain:
+    """A domain: types with their parents, constants with their types, and signatures."""
+
+    name: str
+    types: dict[str, str] = field(default_factory=dict, hash=False)
+    constants: dict[str, str] = field(default_factory=dict, hash=False)
+    predicates: dict[str, Signature] = field(default_factory=dict, hash=False)
+    functions: dict[str, Signature] = field(default_factory=dict, hash=False)
+
+    def is_a(self, type_name: str, wanted: str) -> bool:
+        """Whether a type is another one or below it."""
+        while type_name not in (wanted, ROOT):
+            type_name = self.types[type_name]
+        return type_name == wanted
+
+    def knows_type(self, type_name: str) -> bool:
+        return type_name == ROOT or type_name in self.types

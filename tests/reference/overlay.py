@@ -1,0 +1,392 @@
+"""One transaction: its updates in their order, on top of what is believed."""
+
+import itertools
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+from tests.reference.items import (
+    WILDCARD,
+    Comparison,
+    Condition,
+    Fact,
+    Item,
+    Metric,
+    Number,
+    Object,
+    RefDomain,
+    Signature,
+    Timeline,
+    matches,
+    same,
+    timeline,
+)
+from tests.reference.world import Told, World
+
+FOREVER = 2**63 - 1
+Spans = list[tuple[int, int]]
+
+
+class Refused(Exception):
+    """The transaction is refused; `error` is the name of kbstore's error for it."""
+
+    def __init__(self, error: str, why: str) -> None:
+        super().__init__(f"{error}: {why}")
+        self.error = error
+
+
+class Unsettled(Exception):
+    """The rules do not say what this transaction does, so that nothing can be expected of it."""
+
+
+@dataclass(frozen=True)
+class Update:
+    """One update: `what` is add, remove, add_goal, remove_goal, add_metric, remove_metric, clear or domain."""
+
+    what: str
+    item: Item | RefDomain | None = None
+    at: int = 0
+
+
+class Overlay:
+    """What would be believed with the updates made so far; `finish` makes it so."""
+
+    def __init__(self, world: World, now: int) -> None:
+        world.advance(now)
+        self.world = world
+        self.now = now
+        self.domain = world.domain
+        self.standing: dict[Timeline, tuple[Item, int]] = {
+            line: (told.item, told.start) for line, told in world.standing.items()
+        }
+        self.pending: dict[tuple[Timeline, int], Item] = {key: told.item for key, told in world.pending.items()}
+        self.causes: dict[Timeline, str] = {}
+        self.violations: list[str] = []
+        self.failures: list[Refused] = []
+
+    # -- updates ----------------------------------------------------------------------------------------------
+
+    def apply(self, update: Update) -> None:
+        """Make one update; what is wrong with it is remembered, so that all violations are found."""
+        at = update.at if update.at > self.now else self.now
+        match update.what:
+            case "clear":
+                self.causes.update(dict.fromkeys(self.standing, "cleared"))
+                self.standing.clear()
+                self.pending.clear()
+            case "domain":
+                assert isinstance(update.item, RefDomain)
+                self._load(update.item)
+            case "add" | "add_metric":
+                assert not isinstance(update.item, RefDomain | None)
+                self._add("state", update.item, at)
+            case "add_goal":
+                assert not isinstance(update.item, RefDomain | None)
+                self._add("goal", update.item, at)
+            case "remove" | "remove_metric":
+                assert not isinstance(update.item, RefDomain | None)
+                self._remove("state", update.item, at)
+            case "remove_goal":
+                assert not isinstance(update.item, RefDomain | None)
+                self._remove("goal", update.item, at)
+
+    def _add(self, role: str, item: Item, at: int) -> None:
+        if isinstance(item, Object) and not item.positive and at == self.now:
+            self._remove(role, replace(item, positive=True), at)
+            return
+        found = list(self._violations(item, at))
+        if found:
+            self.violations += found
+            return
+        if isinstance(item, Number) and item.operation != "assign":
+            if at > self.now:
+                self.failures.append(Refused("ScheduledRelativeChange", str(item)))
+                return
+            changed = self._changed_number(role, item)
+            if changed is None:
+                return
+            item = changed
+        self._put(timeline(role, item), item, at)
+
+    def _changed_number(self, role: str, item: Number) -> Number | None:
+        standing = self.standing.get(timeline(role, item))
+        if standing is None:
+            self.failures.append(Refused("UndefinedFunction", str(item)))
+            return None
+        number, start = standing
+        assert isinstance(number, Number)
+        value, rate, amount = number.at(start, self.now), number.rate, item.value
+        match item.operation:
+            case "increase":
+                value += amount
+            case "decrease":
+                value -= amount
+            case "scale_up":
+                value *= amount
+            case "scale_down":
+                if amount == 0:
+                    self.failures.append(Refused("DivisionByZero", str(item)))
+                    return None
+                value /= amount
+            case "assign_cts":
+                rate = amount
+        if not math.isfinite(value):
+            self.violations.append(f"{item} overflows")
+            return None
+        return Number(item.name, item.arguments, value, rate)
+
+    def _put(self, line: Timeline, item: Item | None, at: int, cause: str = "removed") -> None:
+        """Let a timeline say something, or nothing, from now or from a scheduled time on."""
+        before = self._lifetimes(line[2]) if line[1] == "object" else []
+        if at > self.now:
+            if item is None:
+                self.pending.pop((line, at), None)
+            else:
+                self.pending[line, at] = item
+        elif item is None:
+            self.standing.pop(line, None)
+            self.causes[line] = cause
+        elif not (line in self.standing and same(*self.standing[line], item, at, at)):
+            self.standing[line] = (item, at)
+        if line[1] == "object":
+            self._lose(str(line[2]), _minus(before, self._lifetimes(line[2])))
+
+    def _lose(self, name: str, lost: Spans) -> None:
+        """An object does not exist in these spans any more: nothing speaks of it there (rule C9)."""
+        starts = sorted(start for start, _ in self._lifetimes(name))
+        for first, last in lost:
+            next_start = min((start for start in starts if start > first), default=FOREVER)
+            if first == self.now:
+                for line in [line for line, (item, _) in self.standing.items() if name in item.mentions]:
+                    del self.standing[line]
+                    self.causes[line] = "object"
+            for line, at in [key for key, item in self.pending.items() if name in item.mentions]:
+                if first <= at < last:
+                    del self.pending[line, at]
+                elif last <= at < next_start:
+                    raise Unsettled("without a domain, knowledge is scheduled where its object does not exist")
+
+    def _remove(self, role: str, pattern: Item, at: int) -> None:
+        found = list(self._pattern_violations(pattern))
+        if found:
+            self.violations += found
+            return
+        kind = (role, pattern.kind)
+        if at > self.now:
+            matched = [key for key, item in self.pending.items() if key[0][:2] == kind and matches(pattern, item)]
+            for line, start in matched:
+                if start == at:
+                    self._cancel(line, start)
+            return
+        for line in [line for line, (item, _) in self.standing.items() if line[:2] == kind and matches(pattern, item)]:
+            self._put(line, None, self.now)
+
+    def _cancel(self, line: Timeline, at: int) -> None:
+        kept = self.pending[line, at]
+        self._put(line, None, at)
+        if line[1] == "object" and self._types_meet(str(line[2])):
+            self.violations.append(f"cancelling {kept} lets two types meet")
+
+    # -- what is valid ----------------------------------------------------------------------------------------
+
+    def _violations(self, item: Item, at: int) -> Iterator[str]:
+        match item:
+            case Object():
+                yield from self._object_violations(item, at)
+            case Fact():
+                yield from self._atom_violations("predicate", item.name, item.arguments, at)
+            case Number():
+                yield from self._atom_violations("function", item.name, item.arguments, at)
+            case Metric() | Comparison():
+                for name, arguments in item.reads:
+                    yield from self._atom_violations("function", name, arguments, at)
+            case Condition():
+                for fact in item.facts:
+                    yield from self._atom_violations("predicate", fact.name, fact.arguments, at)
+
+    def _object_violations(self, item: Object, at: int) -> Iterator[str]:
+        if self.domain:
+            if not self.domain.knows_type(item.type):
+                yield f"no type {item.type}"
+                return
+            if item.name in self.domain.constants:
+                yield f"{item.name} is a constant"
+                return
+        if not item.positive:
+            if self._type_at(item.name, at - 1) != item.type:
+                raise Unsettled(f"the end of {item} is scheduled where it does not exist just before")
+            return
+        tried = dict(self.pending), dict(self.standing)
+        line = timeline("state", item)
+        if at > self.now:
+            self.pending[line, at] = item
+        else:
+            self.standing[line] = (item, at)
+        meets = self._types_meet(item.name)
+        self.pending, self.standing = tried
+        if meets:
+            yield f"{item} meets an existence of another type"
+
+    def _atom_violations(self, kind: str, name: str, arguments: tuple[str, ...], at: int) -> Iterator[str]:
+        if WILDCARD in arguments:
+            yield f"{name} {arguments} has a wildcard"
+        if self.domain is None:
+            yield from self._first_use_violations(kind, name, arguments)
+            return
+        signature = self._signature(kind, name)
+        if signature is None:
+            yield f"no {kind} {name}"
+        elif len(signature) != len(arguments):
+            yield f"{name} has {len(signature)} arguments"
+        else:
+            for types, argument in zip(signature, arguments, strict=True):
+                found = self._type_at(argument, at)
+                if found is None or not any(self.domain.is_a(found, wanted) for wanted in types):
+                    yield f"{argument} in {name} is {found}, not {types}"
+
+    def _signature(self, kind: str, name: str) -> Signature | None:
+        assert self.domain
+        return (self.domain.predicates if kind == "predicate" else self.domain.functions).get(name)
+
+    def _first_use_violations(self, kind: str, name: str, arguments: tuple[str, ...]) -> Iterator[str]:
+        """Without a domain a symbol keeps the arity of its first use (rule D2)."""
+        wanted = {"predicate": Fact, "function": Number}[kind]
+        known = {
+            len(told.item.arguments)
+            for told in self.world.told
+            if isinstance(told.item, Fact | Number) and isinstance(told.item, wanted) and told.item.name == name
+        }
+        if known and len(arguments) not in known:
+            yield f"{name} was first used with {known} arguments"
+
+    def _pattern_violations(self, pattern: Item) -> Iterator[str]:
+        if isinstance(pattern, Object):
+            if self.domain and pattern.type and not self.domain.knows_type(pattern.type):
+                yield f"no type {pattern.type}"
+            if self.domain and pattern.name in self.domain.constants:
+                yield f"{pattern.name} is a constant"
+        elif isinstance(pattern, Fact | Number):
+            kind = "predicate" if isinstance(pattern, Fact) else "function"
+            if self.domain is None:
+                yield from self._first_use_violations(kind, pattern.name, pattern.arguments)
+                return
+            signature = self._signature(kind, pattern.name)
+            if signature is None:
+                yield f"no {kind} {pattern.name}"
+            elif len(signature) != len(pattern.arguments):
+                yield f"{pattern.name} has {len(signature)} arguments"
+
+    def _load(self, domain: RefDomain) -> None:
+        """Everything that stands or is scheduled must be valid under the new domain (rule D4)."""
+        self.domain = domain
+        entries = [(line, item, self.now) for line, (item, _) in self.standing.items()]
+        scheduled = [(line, item, at) for (line, at), item in self.pending.items()]
+        for _, item, at in entries + scheduled:
+            if not isinstance(item, Object):
+                self.violations += self._violations(item, at)
+            elif item.positive and item.name in domain.constants:
+                if at > self.now:
+                    raise Unsettled("a constant has the name of an object that is only scheduled")
+                self.violations.append(f"{item.name} is an object, and a constant of {domain.name}")
+            elif not domain.knows_type(item.type):
+                self.violations.append(f"no type {item.type}")
+
+    # -- the existence of objects from now on -----------------------------------------------------------------
+
+    def _course(self, name: object) -> list[tuple[int, Object]]:
+        """What the timeline of an object says from now on, in order of time."""
+        line = ("state", "object", name)
+        course = [(self.now, self.standing[line][0])] if line in self.standing else []
+        course += [(at, item) for (found, at), item in self.pending.items() if found == line]
+        return sorted(((at, item) for at, item in course if isinstance(item, Object)), key=lambda entry: entry[0])
+
+    def _lifetimes(self, name: object) -> Spans:
+        """The spans from now on in which an object exists; adjacent ones are one."""
+        course = self._course(name)
+        spans: Spans = []
+        for index, (start, item) in enumerate(course):
+            end = course[index + 1][0] if index + 1 < len(course) else FOREVER
+            if item.positive and spans and spans[-1][1] == start:
+                spans[-1] = (spans[-1][0], end)
+            elif item.positive:
+                spans.append((start, end))
+        return spans
+
+    def _type_at(self, name: str, t: int) -> str | None:
+        """The type of an object at a time that is not before now (or just before it), None where it does not exist."""
+        if self.domain and name in self.domain.constants:
+            return self.domain.constants[name]
+        stood = [item for at, item in self._course(name) if at <= max(t, self.now)]
+        return stood[-1].type if stood and stood[-1].positive else None
+
+    def _types_meet(self, name: str) -> bool:
+        """Whether existences of different types overlap or touch, counting one that lasted until just now."""
+        line = ("state", "object", name)
+        course = self._course(name)
+        if course and course[0][0] == self.now:
+            until_now = [
+                told.item
+                for told in self.world.told
+                if told.timeline == line and told.start < self.now and told.end in (None, self.now)
+            ]
+            course = [(self.now, item) for item in until_now if isinstance(item, Object)] + course
+        return any(
+            one.positive and other.positive and one.type != other.type
+            for (_, one), (_, other) in itertools.pairwise(course)
+        )
+
+    # -- the end of the transaction ---------------------------------------------------------------------------
+
+    def refuse(self) -> None:
+        """Raise what is wrong with the transaction, if anything is (rule D1: violations come first)."""
+        if self.violations:
+            raise Refused("InvalidKnowledge", "; ".join(self.violations))
+        if self.failures:
+            raise self.failures[0]
+
+    def finish(self, number: int) -> int:
+        """Record what has changed; returns how many timelines that are (and 1 more for another domain)."""
+        changed = set[Timeline]()
+        world = self.world
+        for line in dict.fromkeys([*world.standing, *self.standing]):
+            before, after = world.standing.get(line), self.standing.get(line)
+            if before and after and same(before.item, before.start, *after, self.now):
+                continue
+            changed.add(line)
+            if before:
+                before.end, before.ended_by = self.now, number
+                before.end_cause = "replaced" if after else self.causes[line]
+                del world.standing[line]
+            if after:
+                world.standing[line] = self._told(line, after[0], self.now, number)
+        for line, at in dict.fromkeys([*world.pending, *self.pending]):
+            scheduled, wanted = world.pending.get((line, at)), self.pending.get((line, at))
+            if scheduled and wanted and same(scheduled.item, at, wanted, at, at):
+                continue
+            changed.add(line)
+            if scheduled:
+                scheduled.cancelled_by = number
+                del world.pending[line, at]
+            if wanted:
+                world.pending[line, at] = self._told(line, wanted, at, number)
+        reloaded = self.domain != world.domain
+        world.domain = self.domain
+        return len(changed) + reloaded
+
+    def _told(self, line: Timeline, item: Item, start: int, number: int) -> Told:
+        told = Told(line, item, start, number)
+        self.world.told.append(told)
+        return told
+
+
+def _minus(before: Spans, after: Spans) -> Spans:
+    """The parts of some spans that other spans do not cover."""
+    left = before
+    for start, end in after:
+        left = [
+            piece
+            for first, last in left
+            for piece in ((first, min(last, start)), (max(first, end), last))
+            if piece[0] < piece[1]
+        ]
+    return left
