@@ -1,0 +1,326 @@
+"""The schema of a store: set up where a database is empty, checked at every opening, changed when told to.
+
+The revision of the schema, four digits, stands in the database (`VERSION_TABLE`). What is done to a schema is done
+by the migrations, which alembic runs (`migrations/env.py` tells how). Nothing migrates a database that holds data
+without being told to.
+"""
+
+import re
+import shlex
+import sqlite3
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import closing, contextmanager
+from datetime import UTC, datetime
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import sqlalchemy as sa
+from sqlalchemy.engine import URL
+from sqlalchemy.exc import DBAPIError
+
+from kbstore.errors import KbStoreError, SchemaOutOfDate, SchemaTooNew, SchemaUnknown, StoreUnavailable
+from kbstore.storage import tables
+from kbstore.storage.engine import make_engine
+
+if TYPE_CHECKING:
+    from alembic.config import Config
+
+HEAD = "0001"
+"""The revision of the schema that this kbstore reads and writes."""
+
+VERSION_TABLE = "kbstore_alembic_version"
+"""Not alembic's own default: a service that shares its database with kbstore may have migrations of its own."""
+
+Store = str | PathLike[str] | URL
+"""What names a store: a SQLAlchemy URL, or the path of an SQLite file."""
+
+_SCRIPTS = ("migrations", "../migrations")
+"""Where the migrations are, seen from the package: in an installed kbstore, and in a checkout."""
+
+_PATIENCE = 600.0
+"""Seconds that an upgrade waits for another one to finish."""
+
+# alembic keeps what it is doing in global variables, so that one thread at a time can run it
+_alembic = threading.Lock()
+
+_blank: list[str] = []
+"""The statements that make an empty store, as the migrations left them in this process's first store in memory."""
+
+
+class Migrated(NamedTuple):
+    """What an upgrade or a downgrade did: the revisions before and after (None: no schema), and the copy it made."""
+
+    before: str | None
+    after: str | None
+    copy: Path | None
+
+
+class Revision(NamedTuple):
+    """A revision of the schema, and what it brought."""
+
+    number: str
+    title: str
+
+
+def ensure(engine: sa.Engine, *, read_only: bool) -> None:
+    """Set up an empty database, and refuse one whose schema this kbstore does not read.
+
+    A database counts as empty that has none of kbstore's tables, whatever else it holds. Raises `SchemaOutOfDate`
+    (also for an empty database that is opened read-only), `SchemaTooNew` or `SchemaUnknown`.
+    """
+    with _translating(engine), connecting(engine, existing=read_only) as connection:
+        stamps = _stamps(connection)
+        if stamps == [HEAD]:
+            return
+        if not _is_empty(connection, stamps) or read_only:
+            raise _refusal(engine, stamps)
+        with _alembic:
+            _set_up(connection)
+
+
+def current(url: Store, *, schema: str | None = None) -> str | None:
+    """The revision of a store's schema; None where there is none yet."""
+    with _opened(url, schema) as engine, connecting(engine, existing=True) as connection:
+        stamps = _stamps(connection)
+        if not _is_empty(connection, stamps) and len(stamps or ()) > 1:
+            raise _refusal(engine, stamps)
+        return stamps[0] if stamps else None
+
+
+def check(url: Store, *, wait: float = 0, schema: str | None = None) -> None:
+    """Raise unless the store can be reached and its schema is the one that this kbstore reads.
+
+    Waits up to `wait` seconds for a database that does not answer yet or is still to be upgraded by someone else.
+    """
+    deadline = time.monotonic() + wait
+    while True:
+        try:
+            with _opened(url, schema) as engine, connecting(engine, existing=True) as connection:
+                stamps = _stamps(connection)
+                if stamps != [HEAD]:
+                    _is_empty(connection, stamps)
+                    raise _refusal(engine, stamps)
+            return
+        except (SchemaOutOfDate, StoreUnavailable):
+            if time.monotonic() >= deadline:
+                raise
+        time.sleep(min(0.2, wait))
+
+
+def history() -> list[Revision]:
+    """The revisions of the schema that this kbstore has, the oldest first."""
+    from alembic.script import ScriptDirectory
+
+    scripts = ScriptDirectory.from_config(_config()).walk_revisions()
+    return [Revision(script.revision, script.doc) for script in scripts][::-1]
+
+
+def upgrade(url: Store, revision: str = "head", *, backup: bool = True, schema: str | None = None) -> Migrated:
+    """Bring the schema to a later revision, in one transaction.
+
+    An SQLite file that holds a store is copied first, beside itself, unless `backup` is False; the copy is what the
+    upgrade began with. On PostgreSQL, `schema` names the database's schema that kbstore lives in; it is created
+    where it is missing. Raises `SchemaUnknown`, `SchemaTooNew` or `StoreUnavailable`, with nothing changed.
+    """
+    return _migrate(url, revision, schema, backup=backup, down=False)
+
+
+def downgrade(url: Store, revision: str, *, backup: bool = True, schema: str | None = None) -> Migrated:
+    """Bring the schema back to an earlier revision; like `upgrade` in all else. "base" drops all that was stored."""
+    return _migrate(url, revision, schema, backup=backup, down=True)
+
+
+def in_schema(url: Store, schema: str | None) -> Store:
+    """The URL of a store that lives in a schema of its own in a PostgreSQL database."""
+    if schema is None:
+        return url
+    engine = make_engine(url)
+    if engine.dialect.name != "postgresql":
+        raise StoreUnavailable(f"schemas are PostgreSQL's; {_shown(engine)} can't have the schema {schema!r}")
+    name = engine.dialect.identifier_preparer.quote_identifier(schema).replace("\\", "\\\\").replace(" ", "\\ ")
+    given = engine.url.query.get("options", ())
+    options = [given] if isinstance(given, str) else list(given)
+    return engine.url.update_query_dict({"options": " ".join([*options, f"-csearch_path={name}"])})
+
+
+@contextmanager
+def connecting(engine: sa.Engine, *, existing: bool = False) -> Iterator[sa.Connection]:
+    """A connection whose driver begins and ends no transactions by itself; with `existing`, makes no new file."""
+    path = _file(engine)
+    if existing and path is not None and not path.exists():
+        raise StoreUnavailable(f"there is no store at {path}; kbstore.open() without read_only makes one")
+    with engine.connect() as connection:
+        driver: Any = connection.connection.dbapi_connection
+        # a connection that has it already may be another one's, too (in memory), and is left as it is
+        if not engine.dialect.detect_autocommit_setting(driver):
+            connection.execution_options(isolation_level="AUTOCOMMIT")
+        yield connection
+
+
+# -- what a database has ------------------------------------------------------------------------------------------
+
+
+def _stamps(connection: sa.Connection) -> list[str] | None:
+    """What stands in the version table: one revision, unless something is wrong; None where there is no table."""
+    try:
+        return list(connection.exec_driver_sql(f"SELECT version_num FROM {VERSION_TABLE}").scalars())
+    except DBAPIError:
+        if sa.inspect(connection).has_table(VERSION_TABLE):
+            raise
+        return None
+
+
+def _is_empty(connection: sa.Connection, stamps: Sequence[str] | None) -> bool:
+    """Whether there is nothing of kbstore's yet; raises `SchemaUnknown` where its names are taken by another."""
+    if stamps:
+        return False
+    taken = sorted(tables.metadata.tables.keys() & set(sa.inspect(connection).get_table_names()))
+    if taken:
+        raise SchemaUnknown(
+            f"{_shown(connection.engine)} has tables named {', '.join(taken)}, but no revision of kbstore's schema "
+            f"(this kbstore's is {HEAD}): they are somebody else's. Give kbstore a database of its own, or on "
+            "PostgreSQL a schema: kbstore db upgrade --schema NAME"
+        )
+    return True
+
+
+def _refusal(engine: sa.Engine, stamps: Sequence[str] | None) -> KbStoreError:
+    """Why a database that does not have this kbstore's schema cannot be used, and the command that helps."""
+    store, command = _shown(engine), f"kbstore db upgrade --url {shlex.quote(_shown(engine))}"
+    if not stamps:
+        return SchemaOutOfDate(f"{store} has no schema yet, this kbstore needs {HEAD}; set it up: {command}")
+    stamp = ", ".join(stamps)
+    if not re.fullmatch(r"\d{4}", stamp) or stamp == "0000":
+        return SchemaUnknown(
+            f"{store} has the schema {stamp!r}, which kbstore does not have (this kbstore's is {HEAD}); "
+            "see those that it has: kbstore db history"
+        )
+    if stamp > HEAD:
+        return SchemaTooNew(
+            f"{store} has schema {stamp}, newer than this kbstore's {HEAD}; upgrade kbstore "
+            f"(pip install --upgrade kbstore), or with the newer kbstore run: "
+            f"kbstore db downgrade {HEAD} --url {shlex.quote(store)}"
+        )
+    return SchemaOutOfDate(f"{store} has schema {stamp}, this kbstore needs {HEAD}; upgrade it: {command}")
+
+
+# -- migrations ---------------------------------------------------------------------------------------------------
+
+
+def _set_up(connection: sa.Connection) -> None:
+    """Give an empty database its schema."""
+    in_memory = connection.dialect.name == "sqlite" and _file(connection.engine) is None
+    driver: Any = connection.connection.driver_connection
+    if in_memory and _blank:
+        driver.executescript(";\n".join(["BEGIN IMMEDIATE", *_blank, "COMMIT"]))
+        return
+    _run(connection, "head")
+    if in_memory:
+        _blank.extend(sql for (sql,) in driver.execute("SELECT sql FROM sqlite_master WHERE sql IS NOT NULL"))
+        _blank.append(f"INSERT INTO {VERSION_TABLE} VALUES ('{HEAD}')")
+
+
+def _migrate(url: Store, revision: str, schema: str | None, *, backup: bool, down: bool) -> Migrated:
+    with _opened(url, schema) as engine, connecting(engine) as connection, _alembic:
+        return _run(connection, revision, schema, backup=backup, down=down)
+
+
+def _run(
+    connection: sa.Connection, revision: str, schema: str | None = None, *, backup: bool = False, down: bool = False
+) -> Migrated:
+    """Have alembic run the migrations between what the database has and a revision."""
+    from alembic.runtime.environment import EnvironmentContext
+    from alembic.runtime.migration import MigrationContext
+    from alembic.script import ScriptDirectory
+    from alembic.util import CommandError
+
+    config = _config()
+    config.attributes.update(connection=connection, schema=schema)
+    scripts = ScriptDirectory.from_config(config)
+    engine = connection.engine
+    before: Sequence[str] = ()
+    copy: Path | None = None
+
+    def plan(stamps: Any, _: MigrationContext) -> Sequence[Any]:
+        # called under the write lock: what is read and copied here is what the steps will find
+        nonlocal before, copy
+        before = stamps
+        if not _is_empty(connection, stamps) and not set(stamps) <= {f"{n:04}" for n in range(1, int(HEAD) + 1)}:
+            raise _refusal(engine, stamps)
+        steps = scripts._downgrade_revs(revision, stamps) if down else scripts._upgrade_revs(revision, stamps)
+        path = _file(engine)
+        if steps and stamps and backup and path is not None:
+            copy = _copied(path, stamps[0])
+        return steps
+
+    try:
+        with EnvironmentContext(config, scripts, fn=plan, destination_rev=revision):
+            scripts.run_env()
+    except CommandError as error:
+        raise SchemaUnknown(f"{_shown(engine)} was left as it is: {error}") from error
+    after = _stamps(connection)
+    return Migrated(before[0] if before else None, after[0] if after else None, copy)
+
+
+def _config() -> "Config":
+    from alembic.config import Config
+
+    package = Path(__file__).parents[1]
+    scripts = next(path for path in ((package / place).resolve() for place in _SCRIPTS) if path.is_dir())
+    config = Config()
+    config.set_main_option("script_location", str(scripts).replace("%", "%%"))
+    config.set_main_option("path_separator", "os")
+    return config
+
+
+def _copied(path: Path, stamp: str) -> Path:
+    """A copy of an SQLite file, made beside it: whole, or not there at all."""
+    copy = path.with_name(f"{path.name}.{stamp}.{datetime.now(UTC):%Y%m%dT%H%M%S.%fZ}.backup")
+    partial = copy.with_name(copy.name + ".partial")
+    try:
+        with closing(sqlite3.connect(path)) as source, closing(sqlite3.connect(partial)) as target:
+            source.backup(target)
+        return partial.replace(copy)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+# -- engines ------------------------------------------------------------------------------------------------------
+
+
+@contextmanager
+def _opened(url: Store, schema: str | None) -> Iterator[sa.Engine]:
+    """An engine of our own for a while, patient with whoever holds a lock."""
+    engine = make_engine(in_schema(url, schema), busy_timeout=_PATIENCE)
+    try:
+        with _translating(engine):
+            yield engine
+    finally:
+        engine.dispose()
+
+
+@contextmanager
+def _translating(engine: sa.Engine) -> Iterator[None]:
+    """The driver's errors, and those of the file system, as `StoreUnavailable`."""
+    try:
+        yield
+    except (DBAPIError, sqlite3.Error, OSError) as error:
+        if isinstance(error, KbStoreError):
+            raise
+        reason = str(getattr(error, "orig", None) or error).strip() or type(error).__name__
+        raise StoreUnavailable(f"{_shown(engine)}: {reason}; nothing has been changed") from error
+
+
+def _file(engine: sa.Engine) -> Path | None:
+    """The file of an SQLite database; None in memory and for other databases."""
+    database = engine.url.database
+    if engine.dialect.name != "sqlite" or database in (None, "", ":memory:"):
+        return None
+    return Path(database)
+
+
+def _shown(engine: sa.Engine) -> str:
+    return engine.url.render_as_string(hide_password=True)

@@ -1,0 +1,225 @@
+"""The tables of a store.
+
+A copy of the tables as they were then: this file does not follow `kbstore.storage.tables`, whatever becomes of it.
+"""
+
+import sqlalchemy as sa
+from alembic import op
+
+revision = "0001"
+down_revision = None
+branch_labels = None
+depends_on = None
+
+OPEN = 9223372036854775807
+
+ID = sa.BigInteger().with_variant(sa.Integer, "sqlite")
+KEY = sa.Text().with_variant(sa.Text(collation="C"), "postgresql")
+
+
+def upgrade() -> None:
+    """Create the tables, then their indexes."""
+    create_knowledge_bases()
+    create_timelines()
+    create_assertions("instances", sa.Column("instance_type", sa.Text, nullable=False))
+    create_assertions("facts")
+    create_assertions(
+        "functions",
+        sa.Column("function_value", sa.Double, nullable=False),
+        sa.Column("own_rate", sa.Double, nullable=False),
+        sa.Column("rate", sa.Double, nullable=False),
+    )
+    create_assertions(
+        "expressions",
+        sa.Column("optimization", sa.Text, nullable=False),
+        sa.Column("expr", sa.Text, nullable=False),
+    )
+    create_assertions(
+        "inequalities",
+        sa.Column("comparison_type", sa.SmallInteger, nullable=False),
+        sa.Column("lhs", sa.Text, nullable=False),
+        sa.Column("rhs", sa.Text, nullable=False),
+        sa.Column("grounded", sa.Boolean, nullable=False),
+    )
+    create_runs()
+
+
+def downgrade() -> None:
+    """Drop the tables, and with them everything that they hold."""
+    for table in (
+        "run_rates",
+        "runs",
+        "inequalities",
+        "expressions",
+        "functions",
+        "facts",
+        "instances",
+        "mentions",
+        "timelines",
+        "symbols",
+        "domains",
+        "transactions",
+        "knowledge_bases",
+    ):
+        op.drop_table(table)
+
+
+def create_knowledge_bases() -> None:
+    """Knowledge bases, and what has one row for each change of a whole one."""
+    op.create_table(
+        "knowledge_bases",
+        sa.Column("id", sa.Integer, nullable=False),
+        sa.Column("name", sa.Text, nullable=False),
+        sa.Column("use_unknowns", sa.Boolean, nullable=False),
+        sa.Column("last_number", sa.BigInteger, nullable=False),
+        sa.Column("last_time", sa.BigInteger, nullable=False),
+        sa.Column("history_from", sa.BigInteger, nullable=False),
+        sa.Column("domain_version", sa.Integer, nullable=False),
+        sa.Column("last_run", sa.BigInteger, nullable=False),
+        sa.PrimaryKeyConstraint("id", name="pk_knowledge_bases"),
+        sa.UniqueConstraint("name", name="uq_knowledge_bases_name"),
+    )
+    op.create_table(
+        "transactions",
+        sa.Column("kb_id", sa.Integer, nullable=False),
+        sa.Column("number", sa.BigInteger, nullable=False),
+        sa.Column("recorded_time", sa.BigInteger, nullable=False),
+        sa.Column("changes", sa.Integer, nullable=False),
+        sa.Column("client", sa.Text),
+        sa.Column("note", sa.Text),
+        sa.PrimaryKeyConstraint("kb_id", "number", name="pk_transactions"),
+        knowledge_base_of("transactions"),
+        sqlite_with_rowid=False,
+    )
+    op.create_table(
+        "domains",
+        sa.Column("kb_id", sa.Integer, nullable=False),
+        sa.Column("version", sa.Integer, nullable=False),
+        sa.Column("initial_time", sa.BigInteger, nullable=False),
+        sa.Column("recorded_tx", sa.BigInteger, nullable=False),
+        sa.Column("name", sa.Text, nullable=False),
+        sa.Column("source", sa.Text, nullable=False),
+        sa.Column("sensed", sa.Text, nullable=False),
+        sa.PrimaryKeyConstraint("kb_id", "version", name="pk_domains"),
+        knowledge_base_of("domains"),
+        sqlite_with_rowid=False,
+    )
+    op.create_table(
+        "symbols",
+        sa.Column("kb_id", sa.Integer, nullable=False),
+        sa.Column("knowledge_type", sa.SmallInteger, nullable=False),
+        sa.Column("key", KEY, nullable=False),
+        sa.Column("name", sa.Text, nullable=False),
+        sa.Column("arity", sa.Integer, nullable=False),
+        sa.Column("labels", sa.Text, nullable=False),
+        sa.PrimaryKeyConstraint("kb_id", "knowledge_type", "key", name="pk_symbols"),
+        knowledge_base_of("symbols"),
+        sqlite_with_rowid=False,
+    )
+
+
+def create_timelines() -> None:
+    """Timelines, and which objects they mention."""
+    op.create_table(
+        "timelines",
+        sa.Column("id", ID, nullable=False),
+        sa.Column("kb_id", sa.Integer, nullable=False),
+        sa.Column("role", sa.SmallInteger, nullable=False),
+        sa.Column("knowledge_type", sa.SmallInteger, nullable=False),
+        sa.Column("key", KEY, nullable=False),
+        sa.Column("spelling", sa.Text),
+        sa.PrimaryKeyConstraint("id", name="pk_timelines"),
+        sa.UniqueConstraint(
+            "kb_id", "role", "knowledge_type", "key", name="uq_timelines_kb_id_role_knowledge_type_key"
+        ),
+        knowledge_base_of("timelines"),
+    )
+    op.create_table(
+        "mentions",
+        sa.Column("kb_id", sa.Integer, nullable=False),
+        sa.Column("object_id", sa.BigInteger, nullable=False),
+        sa.Column("timeline_id", sa.BigInteger, nullable=False),
+        sa.PrimaryKeyConstraint("kb_id", "object_id", "timeline_id", name="pk_mentions"),
+        sqlite_with_rowid=False,
+    )
+
+
+def create_assertions(table: str, *own: sa.Column[object]) -> None:
+    """One of the five tables of assertions, with its own columns and the indexes that all of them have."""
+    op.create_table(
+        table,
+        sa.Column("id", ID, nullable=False),
+        sa.Column("kb_id", sa.Integer, nullable=False),
+        sa.Column("timeline_id", sa.BigInteger, nullable=False),
+        sa.Column("initial_time", sa.BigInteger, nullable=False),
+        sa.Column("end_time", sa.BigInteger, nullable=False),
+        sa.Column("is_negative", sa.Boolean, nullable=False),
+        sa.Column("recorded_tx", sa.BigInteger, nullable=False),
+        sa.Column("recorded_time", sa.BigInteger),
+        sa.Column("ended_tx", sa.BigInteger),
+        sa.Column("end_cause", sa.SmallInteger),
+        sa.Column("cancelled_tx", sa.BigInteger),
+        sa.Column("cancelled_time", sa.BigInteger),
+        sa.Column("node", sa.BigInteger),
+        sa.Column("pending_node", sa.BigInteger),
+        *own,
+        sa.PrimaryKeyConstraint("id", name=f"pk_{table}"),
+        sa.ForeignKeyConstraint(["timeline_id"], ["timelines.id"], name=f"fk_{table}_timelines"),
+        knowledge_base_of(table),
+    )
+    standing = "end_time > initial_time"
+    create_index(f"ux_{table}_timeline", table, ["kb_id", "timeline_id", "initial_time"], standing, unique=True)
+    for suffix, columns, where in (
+        ("left", ["node", "initial_time"], "node IS NOT NULL"),
+        ("right", ["node", "end_time"], "node IS NOT NULL"),
+        ("open", ["initial_time"], f"end_time = {OPEN}"),
+        ("recorded", ["recorded_tx"], None),
+        ("ended", ["ended_tx"], "ended_tx IS NOT NULL"),
+        ("cancelled", ["cancelled_tx"], "cancelled_tx IS NOT NULL"),
+        ("pending", ["pending_node"], "pending_node IS NOT NULL"),
+        ("empty", ["timeline_id"], "end_time <= initial_time"),
+    ):
+        create_index(f"ix_{table}_{suffix}", table, ["kb_id", *columns], where)
+
+
+def create_runs() -> None:
+    """What runs, and what it adds to the rates of functions."""
+    op.create_table(
+        "runs",
+        sa.Column("kb_id", sa.Integer, nullable=False),
+        sa.Column("number", sa.BigInteger, nullable=False),
+        sa.Column("operator", sa.Text, nullable=False),
+        sa.Column("arguments", sa.Text, nullable=False),
+        sa.Column("initial_time", sa.BigInteger, nullable=False),
+        sa.Column("duration", sa.BigInteger, nullable=False),
+        sa.Column("end_time", sa.BigInteger, nullable=False),
+        sa.Column("outcome", sa.String(7)),
+        sa.Column("recorded_tx", sa.BigInteger, nullable=False),
+        sa.Column("ended_tx", sa.BigInteger),
+        sa.Column("node", sa.BigInteger),
+        sa.PrimaryKeyConstraint("kb_id", "number", name="pk_runs"),
+        knowledge_base_of("runs"),
+        sqlite_with_rowid=False,
+    )
+    create_index("ix_runs_node", "runs", ["kb_id", "node"])
+    create_index("ix_runs_open", "runs", ["kb_id", "initial_time"], f"end_time = {OPEN}")
+    op.create_table(
+        "run_rates",
+        sa.Column("kb_id", sa.Integer, nullable=False),
+        sa.Column("run_number", sa.BigInteger, nullable=False),
+        sa.Column("timeline_id", sa.BigInteger, nullable=False),
+        sa.Column("rate", sa.Double, nullable=False),
+        sa.PrimaryKeyConstraint("kb_id", "run_number", "timeline_id", name="pk_run_rates"),
+        sqlite_with_rowid=False,
+    )
+
+
+def create_index(name: str, table: str, columns: list[str], where: str | None = None, *, unique: bool = False) -> None:
+    """An index, partial where a condition is given."""
+    clause = None if where is None else sa.text(where)
+    op.create_index(name, table, columns, unique=unique, sqlite_where=clause, postgresql_where=clause)
+
+
+def knowledge_base_of(table: str) -> sa.ForeignKeyConstraint:
+    """The reference of a table's rows to their knowledge base."""
+    return sa.ForeignKeyConstraint(["kb_id"], ["knowledge_bases.id"], name=f"fk_{table}_knowledge_bases")
