@@ -150,6 +150,14 @@ class Domain:
         """The type of each constant, both as keys."""
         return {key(name): key(type_name) for name, type_name in self.constants.items()}
 
+    @cached_property
+    def _constant_spellings(self) -> dict[str, str]:
+        return {key(name): name for name in self.constants}
+
+    def constant_spelling(self, name: str) -> str | None:
+        """A constant's name as the domain writes it; None if there is no such constant."""
+        return self._constant_spellings.get(key(name))
+
     def knows_type(self, name: str) -> bool:
         """Whether a type is declared; ``object`` always is."""
         return key(name) == ROOT_TYPE or key(name) in self._parents

@@ -49,9 +49,10 @@ class Session:
 
     def __init__(self, connection: sqlalchemy.Connection, dialect: str) -> None:
         self._connection = connection
-        self.driver: Any = connection.connection.driver_connection
+        driver: Any = connection.connection.driver_connection
+        self.driver = driver
         self._sqlite = dialect == "sqlite"
-        self._execute: Any = self.driver.execute
+        self._execute = driver.execute
         self.in_transaction = False
 
     def all(self, statement: Statement, parameters: Parameters) -> list[Row]:
@@ -80,6 +81,14 @@ class Session:
     def array(self, values: Sequence[Any]) -> Any:
         """An array parameter for a statement with ``EACH``."""
         return json.dumps(values) if self._sqlite else list(values)
+
+    def timeline_ids(self, count: int) -> Sequence[int]:
+        """Numbers for new timelines; on SQLite the writer is alone, so they follow the last."""
+        if self._sqlite:
+            row = self._execute("SELECT coalesce(max(id), 0) FROM timelines").fetchone()
+            return range(row[0] + 1, row[0] + 1 + count)
+        sequence = "SELECT nextval(pg_get_serial_sequence('timelines', 'id')) FROM generate_series(1, %s)"
+        return [row[0] for row in self._execute(sequence, (count,)).fetchall()]
 
     def begin(self, *, write: bool) -> None:
         """Begin a transaction: for writing with SQLite's only write lock; for reading, on one snapshot."""
@@ -228,7 +237,8 @@ class Database:
 
     def _release_dead_threads(self) -> None:
         for ident, (thread, session) in list(self._sessions.items()):
-            if not thread.is_alive() and self._sessions.pop(ident, None):
+            if not thread.is_alive():
+                del self._sessions[ident]
                 session.close()
 
     def _forget_parent(self) -> None:

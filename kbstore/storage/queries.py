@@ -96,18 +96,15 @@ timelines_mentioning = Statement(
     " WHERE m.kb_id = :kb AND m.object_id = value AND t.id = m.timeline_id"
 )
 
-last_timeline_id = Statement("SELECT coalesce(max(id), 0) FROM timelines")
-
-next_timeline_ids = Statement(
-    "SELECT nextval(pg_get_serial_sequence('timelines', 'id')) FROM generate_series(1, CAST(:count AS integer))"
-)
-
 add_timeline = Statement(
     "INSERT INTO timelines (id, kb_id, role, knowledge_type, key, spelling)"
     " VALUES (:id, :kb, :role, :kind, :key, :spelling)"
 )
 
-add_mention = Statement("INSERT INTO mentions (kb_id, object_id, timeline_id) VALUES (:kb, :object, :timeline)")
+add_mention = Statement(
+    "INSERT INTO mentions (kb_id, object_id, timeline_id) VALUES (:kb, :object, :timeline)"
+    " ON CONFLICT (kb_id, object_id, timeline_id) DO NOTHING"
+)
 
 
 class AssertionQueries:

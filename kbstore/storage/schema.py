@@ -28,7 +28,7 @@ from kbstore.storage.engine import make_engine
 if TYPE_CHECKING:
     from alembic.config import Config
 
-HEAD = "0001"
+HEAD = "0002"
 """The revision of the schema that this kbstore reads and writes."""
 
 VERSION_TABLE = "kbstore_alembic_version"

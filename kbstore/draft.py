@@ -1,0 +1,381 @@
+"""A transaction's working copy of the timelines that it touches, and what is to be written of it.
+
+Updates apply to the draft one after another; only at the end is each timeline compared with what is stored, so that
+of what a transaction says about one timeline and one time only the last word is recorded (rule C1).
+
+Ends that lie ahead are always derived, never remembered: whatever is not ended by a transaction at the
+transaction's own time ends at the earlier of the next assertion on its timeline and the end of the existence of any
+object that it mentions (rules V1, C6, C9). `Draft.finish` derives them anew for all that the transaction touched.
+"""
+
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+from kbstore.clock import OPEN
+from kbstore.messages import KnowledgeType
+from kbstore.storage.repository import Repository, Stored
+from kbstore.timelines import EndCause, Identity, Role, Timeline, Value, number_at
+
+Mentions = Callable[[Timeline, Value], Sequence[str]]
+
+
+class Existence(NamedTuple):
+    """A span in which an object exists, with one type; adjacent ones of the same type are one (rule C6)."""
+
+    start: int
+    end: int
+    type_name: str
+
+
+class Track:
+    """One timeline in a transaction: what is stored from now on, and what the transaction makes of it."""
+
+    __slots__ = ("ahead", "cause", "latest", "stored_ahead", "timeline", "value")
+
+    def __init__(self, timeline: Timeline, rows: Sequence[Stored], now: int) -> None:
+        self.timeline = timeline
+        self.latest: Stored | None = None
+        """The latest stored row that begins no later than now; it may have ended."""
+        self.stored_ahead: dict[int, Stored] = {}
+        for row in rows:
+            if row.initial_time <= now:
+                self.latest = row
+            else:
+                self.stored_ahead[row.initial_time] = row
+        base = self.base(now)
+        self.value: Value | None = None if base is None else base.value
+        """What stands now; of a function, with its value at now."""
+        if base is not None and timeline.kind is KnowledgeType.FUNCTION:
+            self.value = (False, number_at(base.value, base.initial_time, now), *base.value[2:])
+        self.ahead: dict[int, Value] = {t: row.value for t, row in self.stored_ahead.items()}
+        """What is scheduled, by its time."""
+        self.cause = EndCause.REPLACED
+        """Why what stood at first does not stand any more."""
+
+    def base(self, now: int) -> Stored | None:
+        """The stored row that stands at now."""
+        latest = self.latest
+        return latest if latest is not None and latest.end_time > now else None
+
+    def copy(self) -> tuple[Value | None, dict[int, Value], EndCause]:
+        """What `restore` takes back."""
+        return self.value, dict(self.ahead), self.cause
+
+    def restore(self, copy: tuple[Value | None, dict[int, Value], EndCause]) -> None:
+        """Take back what was done since the copy."""
+        self.value, self.ahead, self.cause = copy
+
+
+@dataclass
+class Writes:
+    """What a transaction writes: parameters for the statements of `kbstore.storage.queries`."""
+
+    timelines: list[Track] = field(default_factory=list)
+    mentions: list[tuple[Track, Track]] = field(default_factory=list)
+    ends: dict[KnowledgeType, list[dict[str, Any]]] = field(default_factory=lambda: defaultdict(list))
+    cancels: dict[KnowledgeType, list[dict[str, Any]]] = field(default_factory=lambda: defaultdict(list))
+    settles: dict[KnowledgeType, list[dict[str, Any]]] = field(default_factory=lambda: defaultdict(list))
+    rates: list[dict[str, Any]] = field(default_factory=list)
+    adds: dict[KnowledgeType, list[tuple[Track, int, int, Value]]] = field(default_factory=lambda: defaultdict(list))
+    changes: int = 0
+
+
+class Draft:
+    """The timelines that one transaction touches, as it leaves them."""
+
+    def __init__(self, repository: Repository, now: int, mentions: Mentions) -> None:
+        self.now = now
+        self._repository = repository
+        self._mentions = mentions
+        self._tracks: dict[Identity, Track] = {}
+        self._by_id: dict[int, Track] = {}
+        self._absent: set[Identity] = set()
+        self._mentioning: dict[str, list[Track]] = defaultdict(list)
+        self._new_mentions: dict[tuple[Track, str], None] = {}
+        self._read_mentions: set[str] = set()
+        self._journal: dict[Track, tuple[Value | None, dict[int, Value], EndCause]] = {}
+        self.contributions: dict[Identity, float] = {}
+        """What running actions add to the rates of functions, per second."""
+
+    # -- tracks -----------------------------------------------------------------------------------------------
+
+    def track(self, identity: Identity, spelling: str, mentions: Sequence[str] = ()) -> Track:
+        """The track of a timeline; `spelling` and `mentions` count where the timeline is new."""
+        track = self.known(identity)
+        if track is None:
+            timeline = Timeline(0, *identity, None if spelling == identity.key else spelling)
+            track = self._tracks[identity] = Track(timeline, (), self.now)
+            self.mention(track, mentions)
+        return track
+
+    def known(self, identity: Identity) -> Track | None:
+        """The track of a timeline, None if there is no such timeline."""
+        track = self._tracks.get(identity)
+        if track is None and identity not in self._absent:
+            self.load([identity])
+            track = self._tracks.get(identity)
+        return track
+
+    def load(self, identities: Iterable[Identity]) -> None:
+        """Read timelines at once, as far as they are stored."""
+        missing: dict[tuple[Role, KnowledgeType], list[str]] = defaultdict(list)
+        for identity in identities:
+            if identity not in self._tracks and identity not in self._absent:
+                missing[identity.role, identity.kind].append(identity.key)
+                self._absent.add(identity)
+        for (role, kind), keys in missing.items():
+            self._take_in(self._repository.find(role, kind, keys).values())
+
+    def loaded(self, timelines: Iterable[Timeline]) -> list[Track]:
+        """The tracks of stored timelines."""
+        timelines = list(timelines)
+        self._take_in(timelines)
+        return [self._by_id[timeline.id] for timeline in timelines]
+
+    def all_tracks(self) -> Iterable[Track]:
+        """The tracks that the draft has."""
+        return self._tracks.values()
+
+    def _take_in(self, timelines: Iterable[Timeline]) -> None:
+        by_kind: dict[KnowledgeType, list[Timeline]] = defaultdict(list)
+        for timeline in timelines:
+            if timeline.id not in self._by_id:
+                by_kind[timeline.kind].append(timeline)
+        for kind, wanted in by_kind.items():
+            rows = self._repository.live(kind, [timeline.id for timeline in wanted], self.now)
+            for timeline in wanted:
+                track = Track(timeline, rows.get(timeline.id, ()), self.now)
+                self._tracks[timeline.identity] = track
+                self._by_id[timeline.id] = track
+
+    # -- changes ----------------------------------------------------------------------------------------------
+
+    def set(self, track: Track, value: Value) -> None:
+        """What stands now on a timeline."""
+        self._touch(track)
+        if track.value is not None:
+            track.cause = EndCause.REPLACED
+        track.value = value
+
+    def schedule(self, track: Track, t: int, value: Value) -> None:
+        """What is to stand from a later time on; it replaces what was scheduled for that time (rule C6)."""
+        self._touch(track)
+        track.ahead[t] = value
+
+    def end(self, track: Track, cause: EndCause) -> None:
+        """What stands now stands no longer."""
+        self._touch(track)
+        track.value = None
+        track.cause = cause
+
+    def cancel(self, track: Track, t: int) -> None:
+        """What was scheduled for `t` will not be."""
+        self._touch(track)
+        del track.ahead[t]
+
+    def _touch(self, track: Track) -> None:
+        if track not in self._journal:
+            self._journal[track] = track.copy()
+
+    def mention(self, track: Track, objects: Iterable[str]) -> None:
+        """Note that a timeline mentions objects, so that it ends with them."""
+        for name in objects:
+            if (track, name) in self._new_mentions:
+                continue
+            self._mentioning[name].append(track)
+            self._new_mentions[track, name] = None
+
+    def savepoint(self) -> None:
+        """From here on, `roll_back` takes changes back."""
+        self._journal.clear()
+
+    def roll_back(self) -> None:
+        """Take back every change since the savepoint."""
+        for track, copy in self._journal.items():
+            track.restore(copy)
+        self._journal.clear()
+
+    # -- objects ----------------------------------------------------------------------------------------------
+
+    def existences(self, track: Track) -> list[Existence]:
+        """When the object of an INSTANCE timeline exists from now on, as the draft has it."""
+        return _existences(track.value, track.ahead, self.now)
+
+    def stored_existences(self, track: Track) -> list[Existence]:
+        """The same as it is stored."""
+        base = track.base(self.now)
+        ahead = {t: row.value for t, row in track.stored_ahead.items()}
+        return _existences(None if base is None else base.value, ahead, self.now)
+
+    def drop_mentions(self, track: Track, before: Sequence[Existence], cause: EndCause) -> None:
+        """End and cancel what mentions an object in the time in which it does not exist any more (rule C9)."""
+        lost = _lost(before, self.existences(track))
+        if not lost:
+            return
+        for mentioning in self.mentioning(track):
+            if lost[0][0] == self.now and mentioning.value is not None and self._speaks(mentioning, None, track):
+                self.end(mentioning, cause)
+            for t in [t for t in mentioning.ahead if any(start <= t < end for start, end in lost)]:
+                if self._speaks(mentioning, t, track):
+                    self.cancel(mentioning, t)
+
+    def _speaks(self, track: Track, t: int | None, about: Track) -> bool:
+        """Whether what stands (or is scheduled for `t`) mentions an object: the metric's timeline holds many things."""
+        value = track.value if t is None else track.ahead[t]
+        return value is not None and about.timeline.key in self._mentions(track.timeline, value)
+
+    def mentioning(self, track: Track) -> list[Track]:
+        """The tracks that mention the object of an INSTANCE timeline, in the store and in the draft."""
+        name = track.timeline.key
+        if track.timeline.id and name not in self._read_mentions:
+            self._read_mentions.add(name)
+            stored = self.loaded(self._repository.mentioning([track.timeline.id]))
+            known = set(self._mentioning[name])
+            self._mentioning[name] += [found for found in stored if found not in known]
+        return list(self._mentioning[name])
+
+    # -- what is written --------------------------------------------------------------------------------------
+
+    def finish(self, number: int) -> Writes:
+        """Compare the draft with what is stored: what the transaction `number` has to write."""
+        writes = Writes()
+        objects = [track for track in self._tracks.values() if track.timeline.kind is KnowledgeType.INSTANCE]
+        for track in objects:
+            if self._ends(self.existences(track)) != self._ends(self.stored_existences(track)):
+                self.mentioning(track)
+        # what ends ahead because an object does; objects on which nothing is scheduled end nothing ahead
+        ends = {track.timeline.key: self._ends(self.existences(track)) for track in self._all_scheduled_objects()}
+        for track in list(self._tracks.values()):
+            self._finish_track(track, number, ends, writes)
+        written = {track for rows in writes.adds.values() for track, *_ in rows}
+        writes.timelines = [track for track in self._tracks.values() if not track.timeline.id and track in written]
+        for track, name in self._new_mentions:
+            if track in written:
+                about = self.track(Identity(Role.STATE, KnowledgeType.INSTANCE, name), name)
+                writes.mentions.append((track, about))
+                if not about.timeline.id and about not in written:
+                    written.add(about)
+                    writes.timelines.append(about)
+        return writes
+
+    def _all_scheduled_objects(self) -> list[Track]:
+        stored = self.loaded(self._repository.timelines_of(self._repository.scheduled_objects(self.now)))
+        drafted = [
+            track for track in self._tracks.values() if track.timeline.kind is KnowledgeType.INSTANCE and track.ahead
+        ]
+        return list(dict.fromkeys((*stored, *drafted)))
+
+    @staticmethod
+    def _ends(existences: Sequence[Existence]) -> list[int]:
+        return [existence.end for existence in existences if existence.end != OPEN]
+
+    def _finish_track(self, track: Track, number: int, ends: dict[str, list[int]], writes: Writes) -> None:
+        kind = track.timeline.kind
+        base = track.base(self.now)
+        if kind is KnowledgeType.FUNCTION:
+            self._add_contributions(track)
+        changed = False
+        standing_again = base is not None and track.value == self._value_now(track, base)
+        # (initial time, value, the stored row if it stays)
+        line: list[tuple[int, Value, Stored | None]] = []
+        if base is not None and standing_again:
+            line.append((base.initial_time, base.value, base))
+        else:
+            if base is not None:
+                changed = True
+                cause = track.cause if track.value is None else EndCause.REPLACED
+                writes.ends[kind].append(_end(base, self.now, number, cause))
+            if track.value is not None:
+                line.append((self.now, track.value, None))
+        for t in sorted(track.ahead):
+            stored = track.stored_ahead.get(t)
+            value = track.ahead[t]
+            if stored is not None and _same_but_rate(kind, stored.value, value):
+                line.append((t, value, stored))
+                if stored.value != value:
+                    writes.rates.append({"id": stored.id, "rate": value[3]})
+            else:
+                line.append((t, value, None))
+        for t, stored in track.stored_ahead.items():
+            if t not in track.ahead or not _same_but_rate(kind, stored.value, track.ahead[t]):
+                changed = True
+                writes.cancels[kind].append(_cancel(stored, self.now, number))
+        for index, (start, value, stored) in enumerate(line):
+            end = line[index + 1][0] if index + 1 < len(line) else OPEN
+            if ends:
+                for name in self._mentions(track.timeline, value):
+                    end = min(end, min((t for t in ends.get(name, ()) if t > start), default=OPEN))
+            if stored is None:
+                changed = True
+                writes.adds[kind].append((track, start, end, value))
+            elif stored.end_time != end:
+                writes.settles[kind].append(_settle(stored, end))
+        writes.changes += changed
+
+    def _add_contributions(self, track: Track) -> None:
+        """A function's rate is its own and what running actions add to it (rule O3)."""
+        added = self.contributions.get(track.timeline.identity)
+
+        def with_rate(value: Value) -> Value:
+            return (*value[:3], value[2] if added is None else value[2] + added)
+
+        if track.value is not None:
+            track.value = with_rate(track.value)
+        track.ahead = {t: with_rate(value) for t, value in track.ahead.items()}
+
+    def _value_now(self, track: Track, base: Stored) -> Value:
+        if track.timeline.kind is not KnowledgeType.FUNCTION:
+            return base.value
+        return (False, number_at(base.value, base.initial_time, self.now), *base.value[2:])
+
+
+def _existences(value: Value | None, ahead: dict[int, Value], now: int) -> list[Existence]:
+    found: list[Existence] = []
+    start, type_name = now, None if value is None or value[0] else value[1]
+    for t in sorted(ahead):
+        is_negative, name = ahead[t]
+        if is_negative:
+            if type_name is not None:
+                found.append(Existence(start, t, type_name))
+            type_name = None
+        elif type_name is None or type_name.lower() != name.lower():
+            if type_name is not None:
+                found.append(Existence(start, t, type_name))
+            start, type_name = t, name
+    if type_name is not None:
+        found.append(Existence(start, OPEN, type_name))
+    return found
+
+
+def _lost(before: Sequence[Existence], after: Sequence[Existence]) -> list[tuple[int, int]]:
+    """The time in `before` that is not in `after`."""
+    lost: list[tuple[int, int]] = []
+    for start, end, _ in before:
+        for other_start, other_end, _ in after:
+            if other_end <= start or other_start >= end:
+                continue
+            if other_start > start:
+                lost.append((start, other_start))
+            start = other_end  # noqa: PLW2901 - what is left of the span
+        if start < end:
+            lost.append((start, end))
+    return lost
+
+
+def _same_but_rate(kind: KnowledgeType, stored: Value, value: Value) -> bool:
+    """Whether a scheduled value is the stored one; a function's rate besides its own is derived."""
+    return stored[:3] == value[:3] if kind is KnowledgeType.FUNCTION else stored == value
+
+
+def _end(row: Stored, now: int, number: int, cause: EndCause) -> dict[str, Any]:
+    return {"id": row.id, "start": row.initial_time, "end_time": now, "number": number, "cause": int(cause)}
+
+
+def _cancel(row: Stored, now: int, number: int) -> dict[str, Any]:
+    return {"id": row.id, "recorded_time": row.recorded_time, "time": now, "number": number}
+
+
+def _settle(row: Stored, end: int) -> dict[str, Any]:
+    return {"id": row.id, "start": row.initial_time, "end_time": end}

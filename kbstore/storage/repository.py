@@ -1,0 +1,299 @@
+"""Rows to timelines and values, and back: one knowledge base on one session."""
+
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+from kbstore.messages import KnowledgeType
+from kbstore.storage import queries
+from kbstore.storage.engine import Row, Session
+from kbstore.timelines import Identity, Role, Timeline, Value
+
+_CACHED_TIMELINES = 500_000
+
+
+class Head(NamedTuple):
+    """The row of a knowledge base that a writer locks: where its record stands."""
+
+    number: int
+    time: int
+    history_from: int
+    domain_version: int
+    last_run: int
+
+
+class Moment(NamedTuple):
+    """A place in the record: a time, or exactly after a transaction (`number`) of that time.
+
+    `latest` is the last transaction of that time.
+    """
+
+    time: int
+    number: int | None = None
+    latest: int | None = None
+
+
+class Standing(NamedTuple):
+    """An assertion that stands, or is pending: since when (or from when), and what."""
+
+    timeline: Timeline
+    initial_time: int
+    value: Value
+
+
+class Stored(NamedTuple):
+    """A stored assertion as a writer needs it."""
+
+    id: int
+    initial_time: int
+    end_time: int
+    recorded_time: int | None
+    value: Value
+
+
+class Recorded(NamedTuple):
+    """A stored assertion as history needs it."""
+
+    timeline: Timeline
+    initial_time: int
+    end_time: int
+    recorded: int
+    ended: int | None
+    cancelled: int | None
+    cause: int | None
+    value: Value
+
+
+class RunRow(NamedTuple):
+    """A stored run of a durative action, with what it adds to which function's rate."""
+
+    number: int
+    operator: str
+    arguments: tuple[str, ...]
+    started: int
+    duration: int
+    rates: tuple[tuple[Timeline, float], ...]
+
+
+class TimelineCache:
+    """The timelines that this process has seen: they never change, so a row needs only their number.
+
+    Bounded, so that a knowledge base in which things come and go for years does not fill the memory.
+    """
+
+    def __init__(self) -> None:
+        self.by_id: dict[int, Timeline] = {}
+        self.by_identity: dict[Identity, Timeline] = {}
+
+    def put(self, timeline: Timeline) -> None:
+        """Remember a timeline that is committed."""
+        if len(self.by_id) >= _CACHED_TIMELINES:
+            self.by_id.clear()
+            self.by_identity.clear()
+        self.by_id[timeline.id] = timeline
+        self.by_identity[timeline.identity] = timeline
+
+
+class Repository:
+    """One knowledge base, read and written on one session."""
+
+    def __init__(self, session: Session, kb: int, cache: TimelineCache) -> None:
+        self._session = session
+        self._kb = kb
+        self._cache = cache
+
+    # -- the record -------------------------------------------------------------------------------------------
+
+    def head(self, *, for_update: bool = False) -> Head:
+        """Where the record stands; `for_update` makes other writers of this knowledge base wait."""
+        row = self._session.first(queries.head_for_update if for_update else queries.head, {"kb": self._kb})
+        assert row is not None
+        return Head(*row)
+
+    def transactions(self, numbers: Iterable[int]) -> list[Row]:
+        """The rows of some transactions: number, time, changes, client, note."""
+        wanted = self._session.array(sorted(set(numbers)))
+        return self._session.all(queries.transactions_numbered, {"kb": self._kb, "numbers": wanted})
+
+    def transactions_between(self, after: int, upto: int) -> list[Row]:
+        """The rows of the transactions after a number and up to another, in order."""
+        return self._session.all(queries.transactions_between, {"kb": self._kb, "after": after, "upto": upto})
+
+    def after_transaction(self, number: int, time: int) -> Moment:
+        """The place in the record exactly after a transaction."""
+        row = self._session.first(queries.last_transaction_at, {"kb": self._kb, "number": number, "time": time})
+        return Moment(time, number, number if row is None else row[0])
+
+    def domain_versions(self, after: int = 0) -> list[Row]:
+        """Version, time, transaction, source and sensed names of the domain's versions after one."""
+        return self._session.all(queries.domain_versions, {"kb": self._kb, "after": after})
+
+    def symbols(self) -> list[Row]:
+        """The shapes that a knowledge base without a domain keeps: type, key, name, arity, labels."""
+        return self._session.all(queries.symbols, {"kb": self._kb})
+
+    # -- timelines --------------------------------------------------------------------------------------------
+
+    def timelines(self, ids: Iterable[int]) -> Mapping[int, Timeline]:
+        """Timelines by number; those that the cache has not are read at once."""
+        known = self._cache.by_id
+        missing = [id for id in set(ids) if id not in known]
+        if not missing:
+            return known
+        parameters = {"kb": self._kb, "ids": self._session.array(missing)}
+        rows = self._session.all(queries.timelines_by_id, parameters)
+        # the cache may be emptied when it is full, so what was asked for is kept apart
+        wanted = {id: known[id] for id in set(ids) if id in known}
+        for row in rows:
+            wanted[row[0]] = self._remember(row)
+        return wanted
+
+    def timelines_of(self, ids: Iterable[int]) -> list[Timeline]:
+        """Timelines by number, in that order."""
+        ids = list(ids)
+        timelines = self.timelines(ids)
+        return [timelines[id] for id in ids]
+
+    def find(self, role: Role, kind: KnowledgeType, keys: Sequence[str]) -> dict[str, Timeline]:
+        """The timelines with some keys, as far as they exist."""
+        by_identity = self._cache.by_identity
+        found: dict[str, Timeline] = {}
+        missing = []
+        for key in keys:
+            timeline = by_identity.get(Identity(role, kind, key))
+            if timeline is None:
+                missing.append(key)
+            else:
+                found[key] = timeline
+        if len(missing) == 1:
+            parameters = {"kb": self._kb, "role": int(role), "kind": int(kind), "key": missing[0]}
+            row = self._session.first(queries.timeline_by_key, parameters)
+            if row is not None:
+                found[missing[0]] = self._remember(row)
+        elif missing:
+            parameters = {"kb": self._kb, "role": int(role), "kind": int(kind), "keys": self._session.array(missing)}
+            for row in self._session.all(queries.timelines_by_key, parameters):
+                found[row[3]] = self._remember(row)
+        return found
+
+    def of_symbol(self, role: Role, kind: KnowledgeType, name: str) -> list[Timeline]:
+        """All timelines of a predicate or function, by its key."""
+        parameters = {
+            "kb": self._kb,
+            "role": int(role),
+            "kind": int(kind),
+            "name": name,
+            "first": f"{name} ",
+            "last": f"{name}!",
+        }
+        return [self._remember(row) for row in self._session.all(queries.timelines_of_symbol, parameters)]
+
+    def of_kind(self, role: Role, kind: KnowledgeType) -> list[Timeline]:
+        """All timelines of a knowledge type."""
+        rows = self._session.all(queries.timelines_of_kind, {"kb": self._kb, "role": int(role), "kind": int(kind)})
+        return [self._remember(row) for row in rows]
+
+    def mentioning(self, objects: Sequence[int]) -> list[Timeline]:
+        """The timelines that mention some objects, given by the numbers of their INSTANCE timelines."""
+        parameters = {"kb": self._kb, "ids": self._session.array(objects)}
+        unique = {row[0]: row for row in self._session.all(queries.timelines_mentioning, parameters)}
+        return [self._remember(row) for row in unique.values()]
+
+    def _remember(self, row: Row) -> Timeline:
+        timeline = self._cache.by_id.get(row[0])
+        if timeline is None:
+            timeline = Timeline(*row)
+            self._cache.put(timeline)
+        return timeline
+
+    # -- what stands ------------------------------------------------------------------------------------------
+
+    def standing(self, kind: KnowledgeType, moment: Moment) -> list[Standing]:
+        """The assertions of a knowledge type that stand at a place in the record."""
+        statements = queries.for_kind[kind]
+        statement = statements.standing if moment.number is None else statements.standing_as_of
+        return self._standing(self._session.all(statement, self._place(moment)))
+
+    def pending(self, kind: KnowledgeType, moment: Moment) -> list[Standing]:
+        """What was scheduled at a place in the record, and takes effect after it."""
+        statements = queries.for_kind[kind]
+        statement = statements.pending if moment.number is None else statements.pending_as_of
+        return self._standing(self._session.all(statement, self._place(moment)))
+
+    def _place(self, moment: Moment) -> dict[str, Any]:
+        place: dict[str, Any] = {"kb": self._kb, "t": moment.time}
+        if moment.number is not None:
+            place |= {"number": moment.number, "latest": moment.latest}
+        return place
+
+    def _standing(self, rows: list[Row]) -> list[Standing]:
+        timelines = self.timelines([row[0] for row in rows])
+        return [Standing(timelines[row[0]], row[1], row[2:]) for row in rows]
+
+    def live(self, kind: KnowledgeType, ids: Sequence[int], t: int) -> dict[int, list[Stored]]:
+        """For each timeline the latest row that begins no later than `t`, and those ahead of it, in order."""
+        parameters = {"kb": self._kb, "ids": self._session.array(ids), "t": t}
+        found: dict[int, list[Stored]] = defaultdict(list)
+        for row in self._session.all(queries.for_kind[kind].live, parameters):
+            found[row[1]].append(Stored(row[0], row[2], row[3], row[4], row[5:]))
+        for rows in found.values():
+            rows.sort(key=lambda stored: stored.initial_time)
+        return found
+
+    def scheduled_objects(self, t: int) -> set[int]:
+        """The INSTANCE timelines on which something lies ahead of `t`."""
+        rows = self._session.all(queries.for_kind[KnowledgeType.INSTANCE].ahead, {"kb": self._kb, "t": t})
+        return {row[1] for row in rows}
+
+    def running(self, moment: Moment) -> list[RunRow]:
+        """The durative actions that run at a place in the record, in the order in which they were started."""
+        statement = queries.running if moment.number is None else queries.running_as_of
+        rows = sorted(self._session.all(statement, self._place(moment)))
+        if not rows:
+            return []
+        parameters = {"kb": self._kb, "numbers": self._session.array([row[0] for row in rows])}
+        rates: dict[int, list[tuple[int, float]]] = defaultdict(list)
+        for number, timeline, rate in self._session.all(queries.run_rates, parameters):
+            rates[number].append((timeline, rate))
+        timelines = self.timelines([timeline for moved in rates.values() for timeline, _ in moved])
+        return [
+            RunRow(
+                number,
+                operator,
+                tuple(arguments.split()),
+                started,
+                duration,
+                tuple((timelines[timeline], rate) for timeline, rate in rates[number]),
+            )
+            for number, operator, arguments, started, duration in rows
+        ]
+
+    # -- history ----------------------------------------------------------------------------------------------
+
+    def history(self, kind: KnowledgeType, timelines: Sequence[Timeline], first: int, until: int) -> list[Recorded]:
+        """The rows of some timelines that begin in ``[first, until)``, also cancelled ones and those of no length."""
+        ids = self._session.array([timeline.id for timeline in timelines])
+        parameters = {"kb": self._kb, "ids": ids, "first": first, "until": until}
+        return self._recorded(self._session.all(queries.for_kind[kind].history, parameters))
+
+    def latest_start(self, timeline: Timeline, t: int) -> int:
+        """When the latest row of a timeline that begins no later than `t` begins; 0 if there is none."""
+        parameters = {"kb": self._kb, "timeline": timeline.id, "t": t}
+        row = self._session.first(queries.for_kind[timeline.kind].latest_start, parameters)
+        return 0 if row is None else int(row[0])
+
+    def touched(self, after: int, upto: int) -> tuple[list[Recorded], list[Recorded], list[Recorded]]:
+        """What the transactions after a number and up to another recorded, ended and cancelled."""
+        parameters = {"kb": self._kb, "after": after, "upto": upto}
+        recorded: list[Recorded] = []
+        ended: list[Recorded] = []
+        cancelled: list[Recorded] = []
+        for statements in queries.for_kind.values():
+            recorded += self._recorded(self._session.all(statements.recorded, parameters))
+            ended += self._recorded(self._session.all(statements.ended, parameters))
+            cancelled += self._recorded(self._session.all(statements.cancelled, parameters))
+        return recorded, ended, cancelled
+
+    def _recorded(self, rows: list[Row]) -> list[Recorded]:
+        timelines = self.timelines([row[0] for row in rows])
+        return [Recorded._make((timelines[row[0]], *row[1:7], row[7:])) for row in rows]
