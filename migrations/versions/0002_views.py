@@ -1,0 +1,175 @@
+"""The views for people who read SQL.
+
+Times are ISO 8601 text in UTC with nine decimals, so that text sorts by time; the nanoseconds stand beside them.
+What is open has no end. What stands "currently" stands at the latest recorded time of its knowledge base: there is
+no clock in the database, and a simulated one may be decades away from it.
+"""
+
+from alembic import op
+
+revision = "0002"
+down_revision = "0001"
+branch_labels = None
+depends_on = None
+
+OPEN = 9223372036854775807
+STATE, GOAL = 0, 1
+
+TEXT = "coalesce(t.spelling, t.key)"
+"""What a timeline is about, as it was first written: "robot_at kenny wp0"."""
+
+ATOM = f"'(' || {TEXT} || ')'"
+VALUE_AT_LAST = "f.function_value + f.rate * ((k.last_time - f.initial_time) / 1000000000.0)"
+COMPARISON = "CASE f.comparison_type WHEN 0 THEN '>' WHEN 1 THEN '>=' WHEN 2 THEN '<' WHEN 3 THEN '<=' ELSE '=' END"
+
+Columns = dict[str, str]
+"""The columns of a view: name to SQL."""
+
+GOALS: dict[str, str] = {
+    "facts": ATOM,
+    "inequalities": f"'(' || {COMPARISON} || ' ' || f.lhs || ' ' || f.rhs || ')'",
+    "expressions": "f.expr",
+}
+"""The tables of assertions that can be goals, and the goal as PDDL text."""
+
+VIEWS = (
+    "transaction_log",
+    "fact_history",
+    "function_history",
+    "instance_history",
+    "goal_history",
+    "current_facts",
+    "current_functions",
+    "current_instances",
+    "current_goals",
+)
+
+
+def upgrade() -> None:
+    """Create the views."""
+    create(
+        "transaction_log",
+        f"SELECT k.name AS knowledge_base, x.number AS number, {iso('x.recorded_time')} AS recorded_time,"
+        " x.client AS client, x.note AS note, x.changes AS changes, x.recorded_time AS recorded_ns"
+        " FROM transactions x JOIN knowledge_bases k ON k.id = x.kb_id",
+    )
+    fact = {"fact": signed(ATOM), **symbol(), "is_negative": "f.is_negative"}
+    function = {"function": ATOM, **symbol()}
+    instance = {"name": TEXT, "type": "f.instance_type", "is_negative": "f.is_negative"}
+    create("fact_history", history("facts", fact))
+    create("current_facts", current("facts", fact))
+    create("function_history", history("functions", function | {"value": "f.function_value", "rate": "f.rate"}))
+    create("current_functions", current("functions", function | {"value": VALUE_AT_LAST, "rate": "f.rate"}))
+    create("instance_history", history("instances", instance))
+    del instance["is_negative"]
+    create("current_instances", current("instances", instance, also="AND NOT f.is_negative"))
+    goals = [(table, {"goal": signed(text)}) for table, text in GOALS.items()]
+    create("goal_history", " UNION ALL ".join(history(table, goal, GOAL) for table, goal in goals))
+    create("current_goals", " UNION ALL ".join(current(table, goal, GOAL) for table, goal in goals))
+
+
+def downgrade() -> None:
+    """Drop the views."""
+    for name in reversed(VIEWS):
+        op.execute(f"DROP VIEW {name}")
+
+
+def create(name: str, select: str) -> None:
+    """Create one view."""
+    op.execute(f"CREATE VIEW {name} AS {select}")
+
+
+def history(table: str, own: Columns, role: int = STATE) -> str:
+    """All assertions of a table, cancelled ones included, with the transactions that recorded and ended them.
+
+    An end that nobody had to write is the beginning of the next assertion, or the end of an object.
+    """
+    columns: Columns = {
+        "knowledge_base": "k.name",
+        **own,
+        "initial_time": iso("f.initial_time"),
+        "end_time": f"CASE WHEN f.end_time < {OPEN} THEN {iso('f.end_time')} END",
+        "ended_by": (
+            "CASE WHEN f.cancelled_tx IS NOT NULL THEN 'cancelled'"
+            " WHEN f.end_cause = 1 THEN 'removed' WHEN f.end_cause = 2 THEN 'replaced'"
+            " WHEN f.end_cause = 3 THEN 'object' WHEN f.end_cause = 4 THEN 'cleared' WHEN f.end_cause = 5 THEN 'run'"
+            f" WHEN f.end_time = {OPEN} THEN NULL WHEN n.id IS NOT NULL THEN 'replaced' ELSE 'object' END"
+        ),
+        "recorded_tx": "f.recorded_tx",
+        "recorded_time": iso("r.recorded_time"),
+        "recorded_client": "r.client",
+        "ended_tx": "coalesce(f.ended_tx, n.recorded_tx)",
+        "ended_client": "e.client",
+        "cancelled_tx": "f.cancelled_tx",
+        "cancelled_time": iso("f.cancelled_time"),
+        "cancelled_client": "c.client",
+        "initial_ns": "f.initial_time",
+        "end_ns": f"CASE WHEN f.end_time < {OPEN} THEN f.end_time END",
+    }
+    return (
+        f"SELECT {listed(columns)} FROM {table} f"
+        f" JOIN timelines t ON t.id = f.timeline_id AND t.role = {role}"
+        " JOIN knowledge_bases k ON k.id = f.kb_id"
+        f" LEFT JOIN {table} n ON n.kb_id = f.kb_id AND n.timeline_id = f.timeline_id AND n.initial_time = f.end_time"
+        " AND n.end_time > n.initial_time AND f.ended_tx IS NULL AND f.cancelled_tx IS NULL"
+        " LEFT JOIN transactions r ON r.kb_id = f.kb_id AND r.number = f.recorded_tx"
+        " LEFT JOIN transactions e ON e.kb_id = f.kb_id AND e.number = coalesce(f.ended_tx, n.recorded_tx)"
+        " LEFT JOIN transactions c ON c.kb_id = f.kb_id AND c.number = f.cancelled_tx"
+    )
+
+
+def current(table: str, own: Columns, role: int = STATE, also: str = "") -> str:
+    """What stands at the latest recorded time; found by the interval tree, however long the history."""
+    columns: Columns = {
+        "knowledge_base": "k.name",
+        **own,
+        "initial_time": iso("f.initial_time"),
+        "end_time": f"CASE WHEN f.end_time < {OPEN} THEN {iso('f.end_time')} END",
+        "recorded_tx": "f.recorded_tx",
+        "recorded_client": "r.client",
+        "initial_ns": "f.initial_time",
+        "end_ns": f"CASE WHEN f.end_time < {OPEN} THEN f.end_time END",
+        "as_of_ns": "k.last_time",
+    }
+    level = "(WITH RECURSIVE level(h) AS (SELECT 0 UNION ALL SELECT h + 1 FROM level WHERE h < 62)"
+    right = f"{level} SELECT (((k.last_time + 1) >> h) | 1) << h FROM level WHERE ((k.last_time + 1) >> h) & 1 = 0)"
+    left = f"{level} SELECT ((k.last_time + 1) >> h) << h FROM level WHERE ((k.last_time + 1) >> h) & 1 = 1)"
+    return " UNION ALL ".join(
+        f"SELECT {listed(columns)} FROM knowledge_bases k"
+        f" CROSS JOIN {table} f JOIN timelines t ON t.id = f.timeline_id AND t.role = {role}"
+        " LEFT JOIN transactions r ON r.kb_id = f.kb_id AND r.number = f.recorded_tx"
+        f" WHERE f.kb_id = k.id AND {stands} {also}".rstrip()
+        for stands in (
+            f"f.node IN {right} AND f.initial_time <= k.last_time",
+            f"f.node IN {left} AND f.end_time > k.last_time",
+            f"f.end_time = {OPEN} AND f.initial_time <= k.last_time",
+        )
+    )
+
+
+def symbol() -> Columns:
+    """The name and the arguments of a fact or a function."""
+    position = "instr" if op.get_context().dialect.name == "sqlite" else "strpos"
+    place = f"{position}({TEXT} || ' ', ' ')"
+    return {"name": f"substr({TEXT}, 1, {place} - 1)", "arguments": f"substr({TEXT}, {place} + 1)"}
+
+
+def signed(text: str) -> str:
+    """PDDL text, negated where the assertion is."""
+    return f"CASE WHEN f.is_negative THEN '(not ' || {text} || ')' ELSE {text} END"
+
+
+def iso(column: str) -> str:
+    """A time as text."""
+    seconds, rest = f"{column} / 1000000000", f"{column} % 1000000000"
+    if op.get_context().dialect.name == "sqlite":
+        return f"strftime('%Y-%m-%dT%H:%M:%S', {seconds}, 'unixepoch') || printf('.%09dZ', {rest})"
+    return (
+        f"to_char(to_timestamp({seconds}) AT TIME ZONE 'UTC', 'YYYY-MM-DD\"T\"HH24:MI:SS')"
+        f" || '.' || lpad(({rest})::text, 9, '0') || 'Z'"
+    )
+
+
+def listed(columns: Columns) -> str:
+    """The columns as SQL lists them."""
+    return ", ".join(f"{sql} AS {name}" for name, sql in columns.items())
