@@ -1,0 +1,300 @@
+"""Rules V1 to V3 and V6 to V8: what stands, what is true, and why."""
+
+import pytest
+
+import kbstore
+from kbstore import Fact, Function, Truth, seconds
+from tests.conftest import DOMAIN, OBJECTS, START
+from tests.rules.reading import facts
+
+
+@pytest.fixture
+def open_world(open_kb):
+    """The knowledge base `kb`, but with `use_unknowns`."""
+    kb = open_kb(use_unknowns=True)
+    kb.load(DOMAIN)
+    kb.add(*OBJECTS)
+    return kb
+
+
+# -- V1 -----------------------------------------------------------------------------------------------------------
+
+
+def test_a_timeline_stands_at_its_latest_assertion(kb, clock):
+    """V1: at t stands the assertion with the greatest initial time that is not after t."""
+    for value in (1, 2, 3):
+        clock.set(START + 10 * value)
+        kb.add(f"(= (cost) {value})")
+    values = {at: kb.value("(cost)", at=START + at) for at in (10, 19, 20, 29, 30, 1000)}
+    assert values == {10: 1, 19: 1, 20: 2, 29: 2, 30: 3, 1000: 3}
+
+
+def test_of_equal_times_the_later_recorded_stands(kb):
+    """V1: several transactions at one time."""
+    kb.add("(raining)")
+    kb.add("(not (raining))")
+    kb.add("(= (cost) 1)")
+    kb.add("(= (cost) 2)")
+    assert facts(kb, START) == ["(not (raining))"]
+    assert kb.value("(cost)", at=START) == 2
+
+
+def test_what_was_scheduled_for_now_is_earlier_than_what_is_told_now(kb, clock):
+    """V1: of equal times, the later recorded stands, also where the earlier one was scheduled."""
+    kb.add("(raining)", initial_time=START + 10)
+    clock.set(START + 10)
+    kb.add("(not (raining))")
+    assert facts(kb, START + 10) == ["(not (raining))"]
+    assert facts(kb, START + 11) == ["(not (raining))"]
+
+
+def test_before_the_first_and_after_a_removal_it_says_nothing(kb, clock):
+    """V1: there the fact is absent."""
+    clock.set(START + 10)
+    kb.add("(raining)")
+    clock.set(START + 20)
+    kb.remove("(raining)")
+    stands = {at: facts(kb, START + at) for at in (9, 10, 19, 20, 21)}
+    assert stands == {9: [], 10: ["(raining)"], 19: ["(raining)"], 20: [], 21: []}
+
+
+def test_what_is_cancelled_never_stands(kb):
+    """V1: cancelled assertions do not count."""
+    kb.add("(raining)")
+    kb.add("(not (raining))", initial_time=START + 10)
+    kb.remove("(not (raining))", initial_time=START + 10)
+    assert facts(kb, START + 10) == ["(raining)"]
+
+
+# -- V2, V3 -------------------------------------------------------------------------------------------------------
+
+
+def test_in_a_closed_world_absent_is_false(kb):
+    """V2: the default."""
+    kb.add("(open wp0)", "(not (open wp1))")
+    truths = {wp: kb.truth(f"(open {wp})") for wp in ("wp0", "wp1", "hall")}
+    assert truths == {"wp0": Truth.TRUE, "wp1": Truth.FALSE, "hall": Truth.FALSE}
+
+
+def test_in_an_open_world_absent_is_unknown(open_world):
+    """V2: with `use_unknowns`."""
+    open_world.add("(open wp0)", "(not (open wp1))")
+    truths = {wp: open_world.truth(f"(open {wp})") for wp in ("wp0", "wp1", "hall")}
+    assert truths == {"wp0": Truth.TRUE, "wp1": Truth.FALSE, "hall": Truth.UNKNOWN}
+
+
+def test_not_in_a_closed_world_holds_wherever_it_is_not_asserted(kb):
+    """V3: absent and explicitly false alike."""
+    kb.add("(open wp0)", "(not (open wp1))")
+    assert [kb.holds(f"(not (open {wp}))") for wp in ("wp0", "wp1", "hall")] == [False, True, True]
+
+
+def test_not_in_an_open_world_holds_only_where_explicitly_false(open_world):
+    """V3: absent is not enough."""
+    open_world.add("(open wp0)", "(not (open wp1))")
+    assert [open_world.holds(f"(not (open {wp}))") for wp in ("wp0", "wp1", "hall")] == [False, True, False]
+    assert open_world.truth("(not (open hall))") is Truth.UNKNOWN
+
+
+def test_the_world_is_chosen_at_creation_and_stored(open_kb, tmp_path, clock):
+    """V2: opening with another value than the stored one is refused, without a value it is the stored one."""
+    url = f"sqlite:///{tmp_path / 'world.db'}"
+    with kbstore.open(url, "open", clock=clock, use_unknowns=True):
+        pass
+    with kbstore.open(url, "open", clock=clock) as kb:
+        assert kb.truth("(raining)") is Truth.UNKNOWN
+    with pytest.raises(kbstore.KbStoreError, match="use_unknowns"):
+        kbstore.open(url, "open", clock=clock, use_unknowns=False)
+    with kbstore.open(url, "closed", clock=clock) as kb:
+        assert kb.truth("(raining)") is Truth.FALSE
+    with pytest.raises(kbstore.KbStoreError, match="use_unknowns"):
+        kbstore.open(url, "closed", clock=clock, use_unknowns=True)
+
+
+def test_a_truth_has_no_truth_value():
+    """V2: unknown is neither; `bool()` says what to use."""
+    with pytest.raises(TypeError, match="holds"):
+        bool(Truth.TRUE)
+
+
+# -- V6 -----------------------------------------------------------------------------------------------------------
+
+
+def test_holds_is_true_exactly_when_the_truth_is(kb, open_world):
+    """V6: unknown and false do not hold."""
+    for world in (kb, open_world):
+        world.add("(open wp0)", "(not (open wp1))")
+        for text in (
+            "(open wp0)",
+            "(open wp1)",
+            "(open hall)",
+            "(not (open wp0))",
+            "(not (open wp1))",
+            "(not (open hall))",
+        ):
+            assert world.holds(text) is (world.truth(text) is Truth.TRUE)
+
+
+def test_explain_gives_the_reason_and_its_transaction(kb, clock):
+    """V6: asserted, explicitly false, never told, removed, expired with its instance."""
+    told = kb.add("(open wp0)", "(not (open wp1))", "(near kenny wp1)", "(clean hall)")
+    clock.set(START + 10)
+    removed = kb.remove("(clean hall)")
+    gone = kb.remove("kenny")
+    reasons = {
+        "(open wp0)": ("asserted", told.number),
+        "(open wp1)": ("explicitly false", told.number),
+        "(raining)": ("never told", None),
+        "(clean hall)": ("removed", removed.number),
+        "(near kenny wp1)": ("expired with its instance", gone.number),
+    }
+    for text, (reason, number) in reasons.items():
+        explanation = kb.explain(text)
+        assert reason in str(explanation), text
+        assert (explanation.transaction.number if explanation.transaction else None) == number, text
+
+
+def test_explain_speaks_of_its_time(kb, clock):
+    """V6: the reason is that of the time asked for."""
+    told = kb.add("(raining)")
+    clock.set(START + 10)
+    kb.remove("(raining)")
+    assert kb.explain("(raining)", at=START + 5).transaction.number == told.number
+    assert "never told" in str(kb.explain("(raining)", at=START - 1))
+
+
+def test_explain_names_an_undefined_function(kb):
+    """V6: a comparison that reads an undefined function says so."""
+    assert "undefined" in str(kb.explain("(> (battery kenny) 1)")).lower()
+
+
+# -- V7 -----------------------------------------------------------------------------------------------------------
+
+
+def test_a_wildcard_in_a_question_is_an_exists(kb):
+    """V7: `?`, `?name` and an empty argument match any object of the parameter's type."""
+    assert not kb.holds("(near kenny ?)")
+    kb.add("(near kenny wp1)")
+    assert kb.holds("(near kenny ?)")
+    assert kb.holds("(near ?r ?p)")
+    assert kb.holds(Fact(attribute_name="near", values=["", "wp1"]))
+    assert not kb.holds("(near ? wp0)")
+
+
+def test_two_wildcards_do_not_join(kb):
+    """V7: the same name twice is two wildcards."""
+    kb.add("(= (distance wp0 wp1) 5)")
+    assert kb.holds(Function(attribute_name="distance", values=["?x", "?x"]))
+
+
+def test_not_stands_outside_of_a_wildcard(kb):
+    """V7: `(not (open ?))` says that there is no open one, as text and as an item."""
+    assert kb.holds("(not (open ?))")
+    kb.add("(not (open wp0))")
+    assert kb.holds("(not (open ?))")
+    kb.add("(open wp1)")
+    assert not kb.holds("(not (open ?))")
+    assert not kb.holds(Fact(attribute_name="open", values=["?"], is_negative=True))
+
+
+def test_a_wildcard_in_an_open_world_follows_the_exists(open_world):
+    """V7, V2: true if one is, false only if all are, else unknown."""
+    assert open_world.truth("(clean ?)") is Truth.UNKNOWN
+    open_world.add("(not (clean hall))")
+    assert open_world.truth("(clean ?)") is Truth.UNKNOWN
+    open_world.add("(not (clean galley))")
+    assert open_world.truth("(clean ?)") is Truth.FALSE
+    assert open_world.truth("(not (clean ?))") is Truth.TRUE
+    open_world.add("(clean hall)")
+    assert open_world.truth("(clean ?)") is Truth.TRUE
+
+
+def test_a_negative_pattern_in_a_removal_matches_explicit_negatives(kb):
+    """V7: in a removal `not` is the sign of what is removed."""
+    kb.add("(open wp0)", "(not (open wp1))", "(not (open hall))")
+    kb.remove("(not (open ?))")
+    assert facts(kb) == ["(open wp0)"]
+
+
+def test_a_wildcard_in_a_comparison_is_refused(kb):
+    """V7: the message says what to write."""
+    kb.add("(= (battery kenny) 5)")
+    with pytest.raises(kbstore.KbStoreError, match="exists"):
+        kb.holds("(> (battery ?) 3)")
+
+
+def test_a_function_item_asks_whether_it_is_defined_or_equal(kb):
+    """V7: without a value whether it is defined, with one whether it is equal."""
+    battery = Function(attribute_name="battery", values=["kenny"])
+    assert not kb.holds(battery)
+    kb.add("(= (battery kenny) 5)")
+    assert kb.holds(battery)
+    assert kb.holds(Function(attribute_name="battery", values=["kenny"], function_value=5))
+    assert not kb.holds(Function(attribute_name="battery", values=["kenny"], function_value=6))
+    assert kb.holds("(= (battery kenny) 5)")
+
+
+def test_a_query_takes_several_items(kb):
+    """V6, V7: `all_true`, one result for each item, and those that do not hold."""
+    kb.add("(open wp0)", "(= (battery kenny) 5)")
+    result = kb.query("(open wp0)", "(not (open wp0))", "(= (battery kenny) 5)", "(> (battery kenny) 7)", "wp0 - place")
+    assert result.all_true is False
+    assert list(result.results) == [True, False, True, False, True]
+    assert [str(item) for item in result.false_knowledge] == ["(not (open wp0))", "(> (battery kenny) 7)"]
+    assert kb.query("(open wp0)").all_true is True
+
+
+def test_unknown_is_false_in_a_query(open_world):
+    """V6: a result is a bool."""
+    assert list(open_world.query("(open wp0)", "(not (open wp0))").results) == [False, False]
+
+
+def test_an_object_can_be_asked_for(kb, clock):
+    """V7: an INSTANCE item asks whether the object exists and is of the type or below it."""
+    assert kb.holds("galley - kitchen")
+    assert kb.holds("galley - place")
+    assert not kb.holds("wp0 - room")
+    assert not kb.holds("nobody - robot")
+    assert not kb.holds("galley - kitchen", at=START - 1)
+
+
+# -- V8 -----------------------------------------------------------------------------------------------------------
+
+
+def test_a_question_may_name_objects_that_do_not_exist(kb, open_world):
+    """V8: what it says of them is absent."""
+    for world, absent in ((kb, Truth.FALSE), (open_world, Truth.UNKNOWN)):
+        assert world.truth("(near nobody nowhere)") is absent
+    assert kb.holds("(not (near nobody nowhere))")
+
+
+@pytest.mark.parametrize(
+    "question", ["(flying kenny)", "(> (speed kenny) 3)", "kenny - dragon", "(exists (?d - dragon) (open ?d))"]
+)
+def test_what_the_domain_does_not_know_is_an_unknown_symbol(kb, question):
+    """V8: predicate, function, type; the name is in the message."""
+    with pytest.raises(kbstore.UnknownSymbol, match=r"flying|speed|dragon"):
+        kb.holds(question)
+
+
+def test_an_unknown_function_or_operator_is_an_unknown_symbol(kb):
+    """V8: also where a value is asked for."""
+    with pytest.raises(kbstore.UnknownSymbol, match="speed"):
+        kb.value("(speed kenny)")
+    with pytest.raises(kbstore.UnknownSymbol, match="flying"):
+        kb.domain.predicate("flying")
+    with pytest.raises(kbstore.UnknownSymbol, match="speed"):
+        kb.domain.function("speed")
+
+
+def test_the_value_of_an_undefined_function_is_an_error(kb, clock):
+    """V5, C7: never 0."""
+    with pytest.raises(kbstore.UndefinedFunction, match=r"battery kenny"):
+        kb.value("(battery kenny)")
+    clock.set(START + seconds(1))
+    kb.add("(= (battery kenny) 5)")
+    with pytest.raises(kbstore.UndefinedFunction):
+        kb.value("(battery kenny)", at=START)
+    assert kb.value("(battery kenny)") == 5
+    assert kb.truth("(> (cost) 1)") is Truth.UNKNOWN
+    assert not kb.holds("(not (> (cost) 1))")
