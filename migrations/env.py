@@ -38,8 +38,11 @@ def main() -> None:
     if context.is_offline_mode():
         write_script(engine, schema)
         return
-    with connecting(engine) as connection:
-        migrate(connection, schema)
+    try:
+        with connecting(engine) as connection:
+            migrate(connection, schema)
+    finally:
+        engine.dispose()
 
 
 def migrate(connection: sa.Connection, schema: str | None) -> None:

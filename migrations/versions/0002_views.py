@@ -161,12 +161,12 @@ def signed(text: str) -> str:
 
 def iso(column: str) -> str:
     """A time as text."""
-    seconds, rest = f"{column} / 1000000000", f"{column} % 1000000000"
+    seconds = f"{column} / 1000000000"
     if op.get_context().dialect.name == "sqlite":
-        return f"strftime('%Y-%m-%dT%H:%M:%S', {seconds}, 'unixepoch') || printf('.%09dZ', {rest})"
+        return f"strftime('%Y-%m-%dT%H:%M:%S', {seconds}, 'unixepoch') || printf('.%09dZ', {column} % 1000000000)"
     return (
         f"to_char(to_timestamp({seconds}) AT TIME ZONE 'UTC', 'YYYY-MM-DD\"T\"HH24:MI:SS')"
-        f" || '.' || lpad(({rest})::text, 9, '0') || 'Z'"
+        f" || '.' || lpad(mod({column}, 1000000000)::text, 9, '0') || 'Z'"
     )
 
 

@@ -1,0 +1,186 @@
+"""What opening a database does about its schema."""
+
+import sqlite3
+import time
+
+import pytest
+import sqlalchemy as sa
+
+from kbstore.errors import SchemaOutOfDate, SchemaTooNew, SchemaUnknown, StoreUnavailable
+from kbstore.storage import schema, tables
+from kbstore.storage.engine import make_engine
+from tests.migration import worlds
+
+
+def stamp(engine, revision):
+    with engine.begin() as connection:
+        connection.execute(sa.text(f"UPDATE {schema.VERSION_TABLE} SET version_num = :new"), {"new": revision})
+
+
+def test_an_empty_database_is_set_up(engine):
+    """An empty database gets the whole schema by the migrations, and is left alone the next time."""
+    schema.ensure(engine, read_only=False)
+    assert tables.metadata.tables.keys() | {"fact_history", "current_goals"} <= worlds.objects(engine)
+    before = worlds.objects(engine)
+    schema.ensure(engine, read_only=False)
+    schema.ensure(engine, read_only=True)
+    assert worlds.objects(engine) == before
+
+
+def test_each_store_in_memory_gets_the_same_schema():
+    """A store in memory has all tables, indexes and views, whether it is the process's first or not."""
+    found = []
+    for _ in range(2):
+        engine = make_engine("sqlite://")
+        schema.ensure(engine, read_only=False)
+        found.append(worlds.objects(engine))
+        with engine.connect() as connection:
+            assert connection.exec_driver_sql(f"SELECT version_num FROM {schema.VERSION_TABLE}").all() == [
+                (schema.HEAD,)
+            ]
+        engine.dispose()
+    assert found[0] == found[1] >= tables.metadata.tables.keys()
+
+
+def test_opening_again_is_cheap():
+    """Checking a schema that is current costs one query: a thousand times within half a second."""
+    engine = make_engine("sqlite://")
+    schema.ensure(engine, read_only=False)
+    start = time.perf_counter()
+    for _ in range(1000):
+        schema.ensure(engine, read_only=False)
+    assert time.perf_counter() - start < 0.5
+    engine.dispose()
+
+
+def test_an_older_schema_is_refused(engine):
+    """An older schema is not upgraded by opening; the refusal names both revisions and the command."""
+    schema.upgrade(engine.url, "0001")
+    before = worlds.objects(engine)
+    with pytest.raises(SchemaOutOfDate, match=rf"schema 0001.*{schema.HEAD}.*kbstore db upgrade --url"):
+        schema.ensure(engine, read_only=False)
+    assert worlds.objects(engine) == before
+
+
+def test_a_newer_schema_is_refused(engine):
+    """Four digits after this kbstore's revision are a newer schema, which is not written to."""
+    schema.upgrade(engine.url)
+    stamp(engine, "0999")
+    with pytest.raises(SchemaTooNew, match=rf"0999.*{schema.HEAD}.*kbstore db downgrade {schema.HEAD}"):
+        schema.ensure(engine, read_only=False)
+    with pytest.raises(SchemaTooNew):
+        schema.upgrade(engine.url)
+
+
+@pytest.mark.parametrize("revision", ["0000", "a1b2c3d4e5f6", "12345", ""])
+def test_an_unknown_schema_is_refused(engine, revision):
+    """A stamp that is none of kbstore's is refused with it and with this kbstore's revision."""
+    schema.upgrade(engine.url)
+    stamp(engine, revision)
+    with pytest.raises(SchemaUnknown, match=rf"'{revision}'.*{schema.HEAD}.*kbstore db history"):
+        schema.ensure(engine, read_only=False)
+    with pytest.raises(SchemaUnknown):
+        schema.upgrade(engine.url)
+
+
+def test_two_stamps_are_refused(engine):
+    """A version table with two rows was not written by kbstore."""
+    schema.upgrade(engine.url)
+    with engine.begin() as connection:
+        connection.exec_driver_sql(f"INSERT INTO {schema.VERSION_TABLE} VALUES ('0001')")
+    with pytest.raises(SchemaUnknown):
+        schema.ensure(engine, read_only=False)
+    with pytest.raises(SchemaUnknown):
+        schema.current(engine.url)
+
+
+def test_tables_of_another_program_under_our_names_are_refused(engine):
+    """A table with one of kbstore's names, without kbstore's stamp, is somebody else's."""
+    with engine.begin() as connection:
+        connection.exec_driver_sql("CREATE TABLE transactions (amount INTEGER)")
+    for refused in (
+        lambda: schema.ensure(engine, read_only=False),
+        lambda: schema.upgrade(engine.url),
+        lambda: schema.current(engine.url),
+        lambda: schema.check(engine.url),
+    ):
+        with pytest.raises(SchemaUnknown, match=rf"transactions.*{schema.HEAD}.*kbstore db upgrade --schema"):
+            refused()
+
+
+def test_a_services_own_tables_stay(engine):
+    """A database with a service's own tables and migrations counts as empty, and keeps them."""
+    with engine.begin() as connection:
+        connection.exec_driver_sql("CREATE TABLE alembic_version (version_num VARCHAR(32))")
+        connection.exec_driver_sql("INSERT INTO alembic_version VALUES ('feedbeef')")
+        connection.exec_driver_sql("CREATE TABLE missions (id INTEGER)")
+    schema.ensure(engine, read_only=False)
+    schema.downgrade(engine.url, "base")
+    with engine.connect() as connection:
+        assert connection.exec_driver_sql("SELECT version_num FROM alembic_version").all() == [("feedbeef",)]
+        assert connection.exec_driver_sql("SELECT count(*) FROM missions").scalar() == 0
+    schema.ensure(engine, read_only=False)
+
+
+def test_an_empty_database_is_not_set_up_read_only(engine):
+    """Opened read-only, an empty database stays empty; the refusal tells what sets it up."""
+    engine.connect().close()
+    with pytest.raises(SchemaOutOfDate, match=r"no schema yet.*kbstore db upgrade"):
+        schema.ensure(engine, read_only=True)
+    assert not worlds.objects(engine)
+
+
+def test_a_file_that_is_not_there_is_not_made_by_reading(sqlite_file):
+    """Asking about a store that does not exist makes no file."""
+    engine = make_engine(sqlite_file)
+    with pytest.raises(StoreUnavailable, match="no store at"):
+        schema.ensure(engine, read_only=True)
+    with pytest.raises(StoreUnavailable, match="no store at"):
+        schema.current(sqlite_file)
+    assert not sqlite_file.exists()
+
+
+def test_a_file_that_is_no_database_is_refused(sqlite_file):
+    """A file of another kind is `StoreUnavailable`, and stays as it is."""
+    sqlite_file.write_bytes(b"(define (domain d))" * 100)
+    with pytest.raises(StoreUnavailable, match="not a database"):
+        schema.ensure(make_engine(sqlite_file), read_only=False)
+    assert sqlite_file.read_bytes() == b"(define (domain d))" * 100
+
+
+def test_check_waits_for_another_ones_upgrade(sqlite_file):
+    """`check` with a time to wait returns as soon as the schema is current, and raises when the time is over."""
+    sqlite3.connect(sqlite_file).close()
+    with pytest.raises(SchemaOutOfDate):
+        schema.check(sqlite_file, wait=0.01)
+    schema.upgrade(sqlite_file)
+    start = time.monotonic()
+    schema.check(sqlite_file, wait=60)
+    assert time.monotonic() - start < 10
+
+
+def test_a_schema_of_its_own_on_postgresql(postgresql_url):
+    """With a schema name, kbstore lives in that schema, made where it is missing; nothing else is touched."""
+    name = "Fleet of robots"
+    engine = make_engine(postgresql_url)
+    with engine.connect() as connection:
+        before = sa.inspect(connection).get_table_names(schema="public")
+    done = schema.upgrade(postgresql_url, schema=name)
+    assert (done.before, done.after) == (None, schema.HEAD)
+    assert schema.current(postgresql_url, schema=name) == schema.HEAD
+    schema.check(postgresql_url, schema=name)
+    own = make_engine(schema.in_schema(postgresql_url, name))
+    schema.ensure(own, read_only=False)
+    with engine.begin() as connection:
+        inspector = sa.inspect(connection)
+        assert set(inspector.get_table_names(schema=name)) == {*tables.metadata.tables, schema.VERSION_TABLE}
+        assert inspector.get_table_names(schema="public") == before
+        connection.exec_driver_sql(f'DROP SCHEMA "{name}" CASCADE')
+    own.dispose()
+    engine.dispose()
+
+
+def test_a_schema_is_postgresqls(sqlite_file):
+    """SQLite has no schemas: asking for one is refused."""
+    with pytest.raises(StoreUnavailable, match="PostgreSQL"):
+        schema.upgrade(sqlite_file, schema="fleet")
