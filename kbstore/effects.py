@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from itertools import product
 from typing import NamedTuple
 
-from kbstore import conditions, expressions
+from kbstore import expressions
+from kbstore.conditions import Evaluation
 from kbstore.domain import Domain
 from kbstore.errors import DivisionByZero, InvalidKnowledge, UndefinedFunction
 from kbstore.grounding import GroundAction
@@ -227,6 +228,7 @@ def _triggered(
 
     A conditional effect takes place where its condition is true; where that is unknown, it does not.
     """
+    evaluation = Evaluation(world, duration=duration)
     todo: list[tuple[Effect, Mapping[str, str]]] = [
         (effect, ground.bindings) for effect in reversed(ground.action.effects_at(moment))
     ]
@@ -234,7 +236,7 @@ def _triggered(
         effect, bindings = todo.pop()
         match effect:
             case When(condition, parts):
-                if conditions.truth(condition, world, bindings, duration=duration) is Truth.TRUE:
+                if evaluation.truth(condition, bindings) is Truth.TRUE:
                     todo.extend((part, bindings) for part in reversed(parts))
             case ForEach(parameters, parts):
                 variables = [key(p.name) for p in parameters]

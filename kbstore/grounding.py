@@ -9,26 +9,9 @@ from kbstore.actions import Action
 from kbstore.domain import Domain
 from kbstore.errors import InvalidKnowledge
 from kbstore.interpretation import Interpretation
-from kbstore.logic import (
-    And,
-    Atom,
-    Comparison,
-    Condition,
-    Defined,
-    Exists,
-    Expression,
-    Forall,
-    Imply,
-    IsA,
-    Moment,
-    Not,
-    Or,
-    Parameter,
-    Preference,
-    Same,
-    Truism,
-)
+from kbstore.logic import And, Atom, Condition, Expression, Forall, Moment, Parameter, Preference, Truism
 from kbstore.names import key
+from kbstore.substitution import Bindings, instantiated
 
 
 @dataclass(frozen=True)
@@ -54,13 +37,12 @@ class GroundAction:
     def conditions(self, moment: Moment) -> list[Condition]:
         """The conditions of a moment with the objects in their places, conjunctions split into their parts.
 
-        Quantified conditions stay as they are. A preference is left out: it never keeps an action from being
-        applied (PDDL 3.0).
+        Other conditions stay as they are; preferences are left out (`required`).
         """
         return [
-            part
+            instantiated(part, self.spellings)
             for condition in self.action.conditions_at(moment)
-            for part in _conjuncts(instantiate(condition, self.spellings))
+            for part in required(condition)
         ]
 
 
@@ -104,98 +86,32 @@ def _mismatch(domain: Domain, argument: str, parameter: Parameter, world: Interp
     return None
 
 
-def instantiate(condition: Condition, objects: Mapping[str, str]) -> Condition:
-    """The condition with objects for its free variables; preferences become true.
+def required(condition: Condition) -> Iterator[Condition]:
+    """The parts of a conjunction, without what is always true and without preferences.
 
-    `objects` maps the names of variables, as keys and without the question mark. What a quantifier binds itself is
-    left alone. Conditions of any depth are fine.
+    A preference never keeps an action from being applied (PDDL 3.0).
     """
-    done: list[Condition] = []
-    todo: list[tuple[Condition, Mapping[str, str], bool]] = [(condition, objects, False)]
-    while todo:
-        node, known, parts_are_done = todo.pop()
-        parts = _parts(node)
-        if not parts:
-            done.append(_leaf(node, known))
-        elif parts_are_done:
-            rebuilt = _rebuilt(node, tuple(done[-len(parts) :]))
-            del done[-len(parts) :]
-            done.append(rebuilt)
-        else:
-            todo.append((node, known, True))
-            if isinstance(node, Exists | Forall):
-                bound = {key(p.name) for p in node.parameters}
-                known = {name: thing for name, thing in known.items() if name not in bound}
-            todo.extend((part, known, False) for part in reversed(parts))
-    return done.pop()
-
-
-def _parts(node: Condition) -> tuple[Condition, ...]:
-    match node:
-        case And(parts) | Or(parts):
-            return parts
-        case Not(part) | Exists(_, part) | Forall(_, part):
-            return (part,)
-        case Imply(premise, conclusion):
-            return (premise, conclusion)
+    match condition:
+        case And(parts):
+            for part in parts:
+                yield from required(part)
+        case Forall(parameters, part):
+            parts = tuple(required(part))
+            if parts:
+                yield Forall(parameters, parts[0] if len(parts) == 1 else And(parts))
+        case Truism() | Preference():
+            pass
         case _:
-            return ()
+            yield condition
 
 
-def _rebuilt(node: Condition, parts: tuple[Condition, ...]) -> Condition:
-    match node:
-        case And():
-            kept = tuple(part for part in parts if not isinstance(part, Truism))
-            return And(kept) if kept else Truism()
-        case Or():
-            return Or(parts)
-        case Not():
-            return Not(*parts)
-        case Imply():
-            return Imply(*parts)
-        case Exists(parameters) | Forall(parameters):
-            return type(node)(parameters, *parts)
-        case _:
-            raise AssertionError(f"{type(node).__name__} has no parts")
-
-
-def _leaf(node: Condition, objects: Mapping[str, str]) -> Condition:
-    match node:
-        case Atom():
-            return _atom(node, objects)
-        case Same(left, right):
-            return Same(_term(left, objects), _term(right, objects))
-        case Comparison(comparison, left, right):
-            return Comparison(comparison, with_objects(left, objects), with_objects(right, objects))
-        case Defined(function):
-            return Defined(_atom(function, objects))
-        case IsA(name, type_name):
-            return IsA(_term(name, objects), type_name)
-        case Preference():
-            return Truism()
-        case _:
-            return node
-
-
-def with_objects(expression: Expression, objects: Mapping[str, str]) -> Expression:
+def with_objects(expression: Expression, objects: Bindings) -> Expression:
     """The numeric expression with objects for its variables."""
-    return tuple(_atom(token, objects) if isinstance(token, Atom) else token for token in expression)
+    return tuple(_with_objects(token, objects) if isinstance(token, Atom) else token for token in expression)
 
 
-def _atom(atom: Atom, objects: Mapping[str, str]) -> Atom:
-    return Atom(atom.name, tuple(_term(argument, objects) for argument in atom.arguments))
-
-
-def _term(term: str, objects: Mapping[str, str]) -> str:
-    return objects.get(key(term[1:]), term) if term.startswith("?") else term
-
-
-def _conjuncts(condition: Condition) -> Iterator[Condition]:
-    """The parts of a conjunction in their order, however deep it is nested; nothing of what is always true."""
-    todo = [condition]
-    while todo:
-        node = todo.pop()
-        if isinstance(node, And):
-            todo.extend(reversed(node.parts))
-        elif not isinstance(node, Truism):
-            yield node
+def _with_objects(function: Atom, objects: Bindings) -> Atom:
+    return Atom(
+        function.name,
+        tuple(objects.get(key(a[1:]), a) if a.startswith("?") else a for a in function.arguments),
+    )

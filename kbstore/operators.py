@@ -3,8 +3,9 @@
 from collections.abc import Iterator
 from fractions import Fraction
 
-from kbstore import conditions, effects, expressions
+from kbstore import effects, expressions
 from kbstore.clock import SECOND, TIME_LIMIT
+from kbstore.conditions import Evaluation
 from kbstore.errors import DivisionByZero, InvalidKnowledge, UndefinedFunction
 from kbstore.grounding import GroundAction, ground, with_objects
 from kbstore.interpretation import Interpretation
@@ -24,11 +25,8 @@ def failing(
     Conjunctions are split, and parameters replaced by objects, so that each condition says what is missing.
     `duration`, in seconds, is the value of ``?duration``.
     """
-    return [
-        condition
-        for condition in ground.conditions(moment)
-        if conditions.truth(condition, world, duration=duration) is not Truth.TRUE
-    ]
+    evaluation = Evaluation(world, duration=duration)
+    return [condition for condition in ground.conditions(moment) if evaluation.truth(condition) is not Truth.TRUE]
 
 
 def applicability(ground: GroundAction, world: Interpretation, *, duration: float | None = None) -> list[Condition]:
@@ -116,10 +114,11 @@ def _unbounded(ground: GroundAction, world: Interpretation) -> list[Condition]:
 
 def _failing_without_duration(ground: GroundAction, world: Interpretation) -> list[Condition]:
     """The at-start conditions that are not true where the fixed duration cannot be had."""
+    evaluation = Evaluation(world)
     found = []
     for condition in ground.conditions(Moment.AT_START):
         try:
-            is_true = conditions.truth(condition, world) is Truth.TRUE
+            is_true = evaluation.truth(condition) is Truth.TRUE
         except InvalidKnowledge:  # it reads ?duration
             is_true = False
         if not is_true:
