@@ -8,7 +8,8 @@ import pytest
 
 from tests.project.conftest import ROOT
 
-COMMITTED = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=False).stdout.split(
+_listed = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=False)
+COMMITTED = _listed.stdout.splitlines()
     "\n"
 )
 
