@@ -10,8 +10,6 @@ from tests.project.conftest import ROOT
 
 _listed = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=False)
 COMMITTED = _listed.stdout.splitlines()
-    "\n"
-)
 
 
 @pytest.mark.parametrize("command", ["make demo", "make test"])
