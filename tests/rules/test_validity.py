@@ -1,0 +1,438 @@
+"""Rules D1 to D4: what is refused before anything is written, and what the domain has to do with it."""
+
+import pytest
+
+import kbstore
+from kbstore import Fact, Function, Inequality, Instance, seconds
+from tests.conftest import DOMAIN, OBJECTS, START
+from tests.rules.reading import facts, instances, picture, scheduled
+
+DEEP = 100_000
+
+
+def near(**values):
+    return Fact(attribute_name="near", values=values)
+
+
+# -- D1: what is wrong with one item ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("text", "offender", "expected"),
+    [
+        ("(flying kenny)", "flying", ""),
+        ("(= (speed kenny) 3)", "speed", ""),
+        ("kit - dragon", "dragon", ""),
+        ("(> (speed kenny) 3)", "speed", ""),
+        ("minimize (speed kenny)", "speed", ""),
+        ("(open wp0 wp1)", r"\(open wp0 wp1\)", "place"),
+        ("(near kenny)", r"\(near kenny\)", "place"),
+        ("(raining wp0)", r"\(raining wp0\)", ""),
+        ("(= (battery) 3)", "battery", "robot"),
+        ("(= (cost kenny) 3)", "cost kenny", ""),
+        ("(open nowhere)", "nowhere", "exist"),
+        ("(not (open nowhere))", "nowhere", "exist"),
+        ("(= (battery nobody) 3)", "nobody", "exist"),
+        ("(> (battery nobody) 3)", "nobody", "exist"),
+        ("minimize (battery nobody)", "nobody", "exist"),
+        ("(open kenny)", "kenny", "place"),
+        ("(near wp0 kenny)", "wp0", "robot"),
+        ("(clean wp0)", "wp0", "room"),
+        ("(= (battery cup) 3)", "cup", "robot"),
+        ("(tagged hall)", "hall", "robot"),
+        ("(open ?)", r"\?", ""),
+        ("(open ?p)", r"\?p", ""),
+        ("(= (battery ?) 3)", r"\?", ""),
+    ],
+)
+def test_what_does_not_fit_the_domain_is_refused(kb, text, offender, expected):
+    """D1: the message names the item in PDDL and says what was expected; nothing is stored, for now or for later."""
+    before = picture(kb)
+    for options in ({}, {"initial_time": START + 10}):
+        with pytest.raises(kbstore.InvalidKnowledge, match=offender) as refusal:
+            kb.add(text, **options)
+        assert expected in str(refusal.value)
+    assert picture(kb) == before
+
+
+def test_subtypes_constants_and_either_types_fit(kb):
+    """D1: an argument is of the declared type or a subtype, at any depth; constants and `either` are known."""
+    kb.add("(open galley)", "(open hall)", "(open home)", "(clean galley)", "(tagged kenny)", "(tagged cup)")
+    assert len(facts(kb)) == 6
+
+
+def test_labels_may_come_in_any_order(kb):
+    """D1: they are stored in the domain's order."""
+    kb.add(
+        near(p="wp0", who="kenny"),
+        Function(attribute_name="distance", values={"to": "wp1", "from": "wp0"}, function_value=5),
+    )
+    (fact,) = kb.state().facts
+    assert str(fact) == "(near kenny wp0)"
+    assert [value.key for value in fact.values] == ["who", "p"]
+    assert kb.value("(distance wp0 wp1)") == 5
+    assert kb.holds(near(p="wp0", who="kenny"))
+    assert kb.add(near(who="kenny", p="wp0")).changes == 0
+    assert kb.remove(near(p="wp0", who="?")).changes == 1
+
+
+@pytest.mark.parametrize("values", [{"who": "kenny", "where": "wp0"}, {"who": "kenny"}, {"x": "kenny", "y": "wp0"}])
+def test_unknown_or_missing_labels_are_refused(kb, values):
+    """D1: the message says which labels the domain has."""
+    with pytest.raises(kbstore.InvalidKnowledge, match="near"):
+        kb.add(near(**values))
+    assert facts(kb) == []
+
+
+def test_a_label_twice_is_refused(kb):
+    """D1: one argument for each parameter."""
+    with pytest.raises(kbstore.InvalidKnowledge):
+        kb.add(
+            {
+                "knowledge_type": 1,
+                "attribute_name": "near",
+                "values": [{"key": "who", "value": "kenny"}, {"key": "who", "value": "kenny"}],
+            }
+        )
+
+
+def test_an_argument_must_exist_at_the_items_time(kb, clock):
+    """D1: not only now; objects scheduled or ended count at their times."""
+    kb.add("box - item", initial_time=START + 10)
+    kb.add("(not (box - item))", initial_time=START + 20)
+    for at in (None, START + 9, START + 20):
+        with pytest.raises(kbstore.InvalidKnowledge, match="box"):
+            kb.add("(tagged box)", initial_time=at)
+    for at in (10, 19):
+        kb.add("(tagged box)", initial_time=START + at)
+    assert scheduled(kb) == [
+        (START + 10, "(tagged box)"),
+        (START + 10, "box - item"),
+        (START + 19, "(tagged box)"),
+        (START + 20, "(not (box - item))"),
+    ]
+
+
+def test_an_argument_may_be_added_earlier_in_the_same_transaction(kb):
+    """D1, C1: earlier, not later."""
+    kb.add("box - item", "(tagged box)")
+    with pytest.raises(kbstore.InvalidKnowledge, match="crate"):
+        kb.add("(tagged crate)", "crate - item")
+    with pytest.raises(kbstore.InvalidKnowledge, match="box"), kb.transaction() as tx:
+        _remove_and_speak(tx)
+    assert facts(kb) == ["(tagged box)"]
+
+
+def _remove_and_speak(tx):
+    tx.remove("box")
+    tx.add("(not (tagged box))")
+
+
+# -- D1: all violations together ----------------------------------------------------------------------------------
+
+
+def test_all_violations_of_a_transaction_are_reported_together(kb):
+    """D1: in one `InvalidKnowledge`, each naming its item."""
+    bad = ["(flying kenny)", "(open nowhere)", "(near wp0 wp0)", "(clean wp0)", "kit - dragon"]
+    with pytest.raises(kbstore.InvalidKnowledge) as refusal:
+        kb.add("(raining)", *bad, "(open wp0)")
+    assert len(refusal.value.violations) == len(bad)
+    for text, violation in zip(bad, refusal.value.violations, strict=True):
+        assert text in violation
+        assert text in str(refusal.value)
+    assert facts(kb) == []
+
+
+def test_violations_come_before_any_other_error(kb):
+    """D1: also where the other error comes first in the transaction."""
+    with pytest.raises(kbstore.InvalidKnowledge, match="flying"):
+        kb.add("(increase (cost) 3)", "(flying kenny)")
+    later = Function(attribute_name="cost", function_value=1, assign_op=1, initial_time=START + 10)
+    with pytest.raises(kbstore.InvalidKnowledge, match="flying"):
+        kb.add(later, "(flying kenny)")
+
+
+def test_a_bad_item_at_the_end_of_ten_thousand_good_ones(kb):
+    """D1, C1: nothing is stored."""
+    good = [Instance(instance_name=f"w{index}", instance_type="place") for index in range(10_000)]
+    before = instances(kb)
+    with pytest.raises(kbstore.InvalidKnowledge, match="nowhere") as refusal:
+        kb.add(*good, "(open nowhere)")
+    assert len(refusal.value.violations) == 1
+    assert instances(kb) == before
+    assert kb.add("(raining)").number == 3
+
+
+def test_a_violation_in_a_file_names_file_and_line(kb, tmp_path):
+    """D1: where it came from a file, with file and line."""
+    problem = tmp_path / "task.pddl"
+    problem.write_text(
+        "(define (problem task)\n  (:domain rooms)\n  (:objects w7 - place)\n"
+        "  (:init (open w7)\n         (open kenny))\n  (:goal (open w7)))\n"
+    )
+    with pytest.raises(kbstore.KbStoreError, match=r"task\.pddl:5"):
+        kb.load(DOMAIN, problem)
+    assert facts(kb) == []
+
+
+# -- bad input ----------------------------------------------------------------------------------------------------
+
+BAD_NAMES = [
+    "",
+    "a b",
+    "a\tb",
+    "a\nb",
+    "a(b",
+    "a)b",
+    "a;b",
+    'a"b',
+    "a'b",
+    "?a",
+    "a\x00b",
+    "a\x1bb",
+    "a\x7fb",
+    "a\u202eb",
+    "a\ud800b",
+    "a" * 256,
+]
+
+
+@pytest.mark.parametrize("name", BAD_NAMES)
+def test_names_that_cannot_be_read_back_are_refused(kb, bare, name):
+    """D3: white space, brackets, quotes, `;`, a leading `?`, control characters, more than 255 characters."""
+    for world in (kb, bare):
+        with pytest.raises(kbstore.InvalidKnowledge):
+            world.add(Instance(instance_name=name, instance_type="place"))
+    with pytest.raises(kbstore.InvalidKnowledge):
+        bare.add(Instance(instance_name="wp0", instance_type=name or "a b"))
+    with pytest.raises(kbstore.InvalidKnowledge):
+        bare.add(Fact(attribute_name=name, values=["wp0"]))
+    with pytest.raises(kbstore.InvalidKnowledge):
+        bare.add(Fact(attribute_name="open", values=[name]))
+    with pytest.raises(kbstore.InvalidKnowledge):
+        bare.add(Function(attribute_name=name, function_value=1))
+    assert [change.number for change in bare.changes()] == []
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "(" * DEEP,
+        "(not " * DEEP + "(raining)" + ")" * DEEP,
+        "(and " * DEEP + "(raining)" + ")" * DEEP,
+        "(> " + "(- " * DEEP + "1" + ")" * DEEP + " 3)",
+        "minimize " + "(+ 1 " * DEEP + "1" + ")" * DEEP,
+        ")" * DEEP,
+    ],
+    ids=["open", "not", "and", "minus", "plus", "close"],
+)
+def test_text_nested_very_deep_is_stored_or_refused(kb, text):
+    """D1: an error of kbstore's or a result, never Python's recursion limit."""
+    refusals = []
+    for use in (kb.add, kb.add_goal, kb.add_metric, kb.remove, kb.holds, kb.truth, kb.explain, kbstore.item):
+        try:
+            use(text)
+        except kbstore.KbStoreError as refusal:
+            refusals.append(str(refusal))
+    assert max(map(len, refusals)) < 2_000
+    kb.add("(open wp0)")
+    assert kb.holds("(open wp0)")
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["", "   ", "(", ")", "()", "(open wp0", "(open wp0))", "(open wp0) (open wp1)", "open wp0", "(= 3)", "- place"],
+)
+def test_text_that_is_no_item_is_refused(kb, text):
+    """D1: with a typed error."""
+    with pytest.raises(kbstore.KbStoreError):
+        kb.add(text)
+
+
+@pytest.mark.parametrize("thing", [None, 3, 2.5, b"(raining)", object(), {}, {"knowledge_type": 9}, ["(raining)"]])
+def test_what_is_no_knowledge_at_all_is_refused(kb, thing):
+    """D1: with a typed error, everywhere."""
+    for method in ("add", "remove", "add_goal", "holds"):
+        with pytest.raises(kbstore.KbStoreError):
+            getattr(kb, method)(thing)
+    assert facts(kb) == []
+
+
+@pytest.mark.parametrize("text", ["(= (cost) nan)", "(= (cost) inf)", "(= (cost) 1e999)", "(= (cost) ten)"])
+def test_text_values_that_are_no_finite_number_are_refused(kb, text):
+    """C7, D1: in text, too."""
+    with pytest.raises(kbstore.KbStoreError):
+        kb.add(text)
+    assert kb.state().functions == []
+
+
+# -- D2 -----------------------------------------------------------------------------------------------------------
+
+
+def test_without_a_domain_only_the_shape_is_checked(bare):
+    """D2: objects need not exist, symbols need not be declared."""
+    bare.add("(open nowhere)", "(= (battery nobody) 3)", "kenny - robot", "(> (cost) 3)")
+    assert facts(bare) == ["(open nowhere)"]
+
+
+@pytest.mark.parametrize(("first", "second"), [("(open a)", "(open a b)"), ("(= (f a) 1)", "(= (f) 1)")])
+def test_without_a_domain_a_symbol_keeps_the_arity_of_its_first_use(bare, first, second):
+    """D2: also after what was told has been removed."""
+    bare.add(first)
+    with pytest.raises(kbstore.InvalidKnowledge):
+        bare.add(second)
+    bare.clear()
+    with pytest.raises(kbstore.InvalidKnowledge):
+        bare.add(second)
+
+
+def test_without_a_domain_a_symbol_keeps_the_labels_of_its_first_use(bare):
+    """D2: in their order."""
+    bare.add(near(who="kenny", p="wp0"))
+    bare.add(near(p="wp1", who="kenny"))
+    assert facts(bare) == ["(near kenny wp0)", "(near kenny wp1)"]
+    with pytest.raises(kbstore.InvalidKnowledge):
+        bare.add(near(robot="kenny", place="wp0"))
+
+
+# -- D3 -----------------------------------------------------------------------------------------------------------
+
+
+def test_names_are_compared_without_case_and_shown_as_first_written(kb):
+    """D3: objects, predicates, functions, types."""
+    kb.add("Box - ITEM", "(TAGGED bOX)", "(= (Battery KENNY) 3)")
+    assert kb.add("(tagged box)", "box - item", "(= (battery kenny) 3)").changes == 0
+    assert "Box - item" in [str(found).replace("ITEM", "item") for found in kb.state().instances]
+    assert kb.holds("(Tagged BOX)")
+    assert kb.value("(BATTERY kenny)") == 3
+    (fact,) = kb.state().facts
+    assert fact.arguments == ("Box",)
+    assert kb.remove("(tAgged boX)").changes == 1
+
+
+def test_case_is_that_of_str_lower(bare):
+    """D3: names of other scripts compare by `str.lower()`."""
+    bare.add("(öffnet ÄTNA)")
+    assert bare.holds("(ÖFFNET ätna)")
+    assert bare.add("(Öffnet Ätna)").changes == 0
+
+
+@pytest.mark.parametrize("name", ["a", "A-b_3", "9lives", "dock/2", "room.7", "ns:kenny", "廊下", "a" * 255])
+def test_what_message_based_clients_send_is_accepted(kb, name):
+    """D3: where PDDL text can still be read back."""
+    kb.add(Instance(instance_name=name, instance_type="place"), Fact(attribute_name="open", values=[name]))
+    assert facts(kb) == [f"(open {name})"]
+    assert kb.holds(f"(open {name})")
+    assert kb.remove(f"(open {name})").changes == 1
+
+
+# -- D4 -----------------------------------------------------------------------------------------------------------
+
+LARGER = DOMAIN.replace("(raining)", "(raining) (dusty ?p - place)").replace("domain rooms", "domain larger")
+
+
+def test_loading_a_domain_is_a_transaction(open_kb, clock):
+    """D4: the state at t is read against the domain at t."""
+    kb = open_kb()
+    first = kb.load(DOMAIN)
+    kb.add(*OBJECTS)
+    clock.set(START + 10)
+    second = kb.load(LARGER)
+    assert (first.number, second.number) == (1, 3)
+    assert [kb.state(START + at).domain.name for at in (0, 9, 10, 11)] == ["rooms", "rooms", "larger", "larger"]
+    assert kb.state(START - 1).domain is None
+    assert kb.state(START + 20, as_of=first).domain.name == "rooms"
+    assert kb.domain.name == "larger"
+    assert not kb.holds("(dusty wp0)")
+    with pytest.raises(kbstore.UnknownSymbol):
+        kb.holds("(dusty wp0)", at=START + 9)
+
+
+def test_marking_a_predicate_as_sensed_is_a_transaction(kb, clock):
+    """D4: and the mark has a time."""
+    latest = kb.add("(raining)")
+    clock.set(START + 10)
+    marked = kb.set_sensed("open", True)
+    assert marked.number == latest.number + 1
+    assert kb.domain.is_sensed("open")
+    assert not kb.state(START + 9).domain.is_sensed("open")
+    assert not kb.domain.is_sensed("near")
+    kb.set_sensed("open", False)
+    assert not kb.domain.is_sensed("open")
+    with pytest.raises(kbstore.UnknownSymbol):
+        kb.set_sensed("flying", True)
+
+
+@pytest.mark.parametrize(
+    ("knowledge", "options"),
+    [
+        ("(raining)", {}),
+        ("(not (raining))", {}),
+        ("(raining)", {"initial_time": START + 100}),
+        ("goal", {}),
+    ],
+)
+def test_a_domain_under_which_something_would_be_invalid_is_refused(kb, knowledge, options):
+    """D4: what stands, what is scheduled, goals."""
+    (kb.add_goal("(raining)") if knowledge == "goal" else kb.add(knowledge, **options))
+    before = picture(kb)
+    with pytest.raises(kbstore.InvalidKnowledge, match="raining"):
+        kb.load(DOMAIN.replace("(raining)", ""))
+    assert picture(kb) == before
+    (kb.remove_goal("(raining)") if knowledge == "goal" else kb.remove(knowledge, **options))
+    kb.load(DOMAIN.replace("(raining)", ""))
+    with pytest.raises(kbstore.InvalidKnowledge):
+        kb.add("(raining)")
+
+
+def test_a_metric_or_function_or_type_that_a_domain_lacks_is_refused(kb):
+    """D4: the list names each."""
+    kb.add("(= (battery kenny) 3)", "(> (battery kenny) 2)", "minimize (battery kenny)")
+    with pytest.raises(kbstore.InvalidKnowledge) as refusal:
+        kb.load(DOMAIN.replace("(battery ?r - robot)", ""))
+    assert len(refusal.value.violations) == 3
+    kb.remove("kenny")
+    kb.load(DOMAIN.replace("(battery ?r - robot)", ""))
+    smaller = "(define (domain d) (:types place robot - object) (:predicates (raining)))"
+    with pytest.raises(kbstore.InvalidKnowledge, match="cup"):
+        kb.load(smaller)
+
+
+def test_a_constant_with_the_name_of_an_object_is_refused(kb):
+    """D4: there would be two."""
+    with pytest.raises(kbstore.InvalidKnowledge, match="wp0"):
+        kb.load(DOMAIN.replace("home - place", "home wp0 - place"))
+    kb.remove("wp0")
+    kb.load(DOMAIN.replace("home - place", "home wp0 - place"))
+    kb.add("(open wp0)")
+
+
+def test_a_constant_of_which_something_is_said_stays(kb):
+    """D4, C9: nothing speaks of an object that does not exist."""
+    kb.add("(open home)")
+    with pytest.raises(kbstore.InvalidKnowledge, match="home"):
+        kb.load(DOMAIN.replace("(:constants home - place)", ""))
+    kb.remove("(open home)")
+    kb.load(DOMAIN.replace("(:constants home - place)", ""))
+
+
+def test_knowledge_told_without_a_domain_must_fit_the_first_one(bare):
+    """D4, D2: objects that never existed do not fit."""
+    bare.add("kenny - robot", "wp0 - place", "(near kenny wp0)", "(near kenny wp9)", "(= (battery kenny) 3)")
+    with pytest.raises(kbstore.InvalidKnowledge, match="wp9"):
+        bare.load(DOMAIN)
+    bare.remove("(near kenny wp9)")
+    bare.load(DOMAIN)
+    with pytest.raises(kbstore.InvalidKnowledge):
+        bare.add("(near kenny wp9)")
+
+
+def test_an_inequality_message_is_checked_like_text(kb):
+    """D1: its functions are known, with their arguments."""
+    good = kbstore.item("(> (battery kenny) 3)")
+    assert isinstance(good, Inequality)
+    kb.add(good)
+    with pytest.raises(kbstore.InvalidKnowledge):
+        kb.add(kbstore.item("(> (battery kenny kenny) 3)"))
+    with pytest.raises(kbstore.InvalidKnowledge):
+        kb.add(kbstore.item("(> (battery wp0) 3)"), initial_time=START + seconds(1))
