@@ -1,0 +1,203 @@
+"""Operators as the actions of unified_planning."""
+
+from collections.abc import Iterator
+from functools import partial
+from typing import Any, NamedTuple
+
+from kbstore.actions import Action
+from kbstore.clock import SECOND, TIME_LIMIT
+from kbstore.domain import Domain
+from kbstore.errors import InvalidKnowledge
+from kbstore.interop.up_formulas import Formulas, Scope
+from kbstore.interop.up_symbols import library
+from kbstore.logic import (
+    Add,
+    And,
+    Change,
+    Condition,
+    Delete,
+    Effect,
+    Expression,
+    ForEach,
+    Moment,
+    When,
+    atoms_of,
+)
+from kbstore.messages import AssignOp, ComparisonType, Operator
+from kbstore.names import key
+from kbstore.pddl.text import effect_text
+
+
+class _Simple(NamedTuple):
+    """An effect without ``when`` and ``forall``, and what these say of it."""
+
+    effect: Add | Delete | Change
+    scope: Scope
+    variables: tuple[Any, ...]
+    conditions: tuple[Any, ...]
+
+
+class Actions:
+    """Translates operators; `changing` are the keys of the functions that something changes."""
+
+    def __init__(self, formulas: Formulas, changing: frozenset[str]) -> None:
+        self._formulas = formulas
+        self._changing = changing
+        self._up = library()
+        self._environment = formulas.symbols.environment
+        self._make = formulas.symbols.environment.expression_manager
+
+    def action(self, action: Action) -> Any:
+        """The operator as an ``InstantaneousAction`` or a ``DurativeAction``."""
+        kind = self._up.model.DurativeAction if action.durative else self._up.model.InstantaneousAction
+        made = kind(action.name, self._formulas.symbols.parameters(action.parameters), self._environment)
+        scope = {key(p.name): self._make.ParameterExp(made.parameter(p.name)) for p in action.parameters}
+        if action.durative:
+            made.set_duration_constraint(self._duration(action, scope))
+        for parameter in action.parameters:
+            if len(parameter.types) > 1:
+                is_of = self._formulas.is_of(scope[key(parameter.name)], parameter.types, scope)
+                self._add_condition(made, Moment.AT_START, is_of)
+        for moment, condition in action.conditions:
+            duration = self._duration_value(action, moment, scope)
+            for part in _conjuncts(condition):
+                self._add_condition(made, moment, self._formulas.condition(part, scope, duration))
+        for moment, effect in action.effects:
+            duration = self._duration_value(action, moment, scope)
+            for simple in self._simple(effect, scope, duration):
+                self._add_effect(made, moment, simple, duration)
+        return made
+
+    # -- durations --------------------------------------------------------------------------------------------
+
+    def _duration(self, action: Action, scope: Scope) -> Any:
+        """The interval of the duration; what is not bounded is bounded by the range of durations."""
+        lower: tuple[Any, bool] | None = None
+        upper: tuple[Any, bool] | None = None
+        for constraint in action.duration:
+            if constraint.moment is not Moment.AT_START:
+                raise InvalidKnowledge(f"a duration constraint {constraint.moment.value} has no counterpart")
+            bound = self._formulas.expression(constraint.bound, scope)
+            comparison = constraint.comparison
+            is_open = comparison in (ComparisonType.GREATER, ComparisonType.LESS)
+            from_below = comparison in (ComparisonType.GREATER, ComparisonType.GREATEREQ, ComparisonType.EQUALS)
+            from_above = comparison in (ComparisonType.LESS, ComparisonType.LESSEQ, ComparisonType.EQUALS)
+            if (from_below and lower) or (from_above and upper):
+                raise InvalidKnowledge("a duration with several bounds on one side has no counterpart")
+            lower = (bound, is_open) if from_below else lower
+            upper = (bound, is_open) if from_above else upper
+        least, least_open = lower or (self._make.Int(0), False)
+        most, most_open = upper or (self._make.Int(TIME_LIMIT // SECOND), False)
+        return self._up.model.timing.DurationInterval(least, most, least_open, most_open)
+
+    def _duration_value(self, action: Action, moment: Moment, scope: Scope) -> Any:
+        """What stands for ``?duration`` at a moment, None if nothing does.
+
+        There is no word for it in unified_planning; a duration that the domain fixes can be written out where it is
+        the same as at the start.
+        """
+        fixed = [c.bound for c in action.duration if c.comparison is ComparisonType.EQUALS]
+        if len(fixed) != 1 or not (moment is Moment.AT_START or self._is_constant(fixed[0])):
+            return None
+        return self._formulas.expression(fixed[0], scope)
+
+    def _is_constant(self, expression: Expression) -> bool:
+        return not any(key(function.name) in self._changing for function in atoms_of(expression))
+
+    # -- conditions -------------------------------------------------------------------------------------------
+
+    def _add_condition(self, made: Any, moment: Moment, condition: Any) -> None:
+        if isinstance(made, self._up.model.InstantaneousAction):
+            made.add_precondition(condition)
+            return
+        model = self._up.model
+        match moment:
+            case Moment.AT_START:
+                made.add_condition(model.StartTiming(), condition)
+            case Moment.OVER_ALL:
+                made.add_condition(model.OpenTimeInterval(model.StartTiming(), model.EndTiming()), condition)
+            case Moment.AT_END:
+                made.add_condition(model.EndTiming(), condition)
+
+    # -- effects ----------------------------------------------------------------------------------------------
+
+    def _simple(
+        self,
+        effect: Effect,
+        scope: Scope,
+        duration: Any,
+        variables: tuple[Any, ...] = (),
+        conditions: tuple[Any, ...] = (),
+    ) -> Iterator[_Simple]:
+        match effect:
+            case When(condition, parts):
+                triggers = (*conditions, self._formulas.condition(condition, scope, duration))
+                for part in parts:
+                    yield from self._simple(part, scope, duration, variables, triggers)
+            case ForEach(parameters, parts):
+                for own, inner in self._formulas.bound(parameters, scope):
+                    for part in parts:
+                        yield from self._simple(part, inner, duration, (*variables, *own), conditions)
+            case Add() | Delete() | Change():
+                yield _Simple(effect, scope, variables, conditions)
+
+    def _add_effect(self, made: Any, moment: Moment, simple: _Simple, duration: Any) -> None:
+        effect, scope, variables, conditions = simple
+        if isinstance(effect, Change) and effect.operation is AssignOp.ASSIGN_CTS:
+            self._add_continuous(made, simple, duration)
+            return
+        instantaneous = isinstance(made, self._up.model.InstantaneousAction)
+        timing = self._up.model.EndTiming() if moment is Moment.AT_END else self._up.model.StartTiming()
+        place: tuple[Any, ...] = () if instantaneous else (timing,)
+        trigger = self._make.And(*conditions)
+        add, increase, decrease = (
+            partial(method, *place) for method in (made.add_effect, made.add_increase_effect, made.add_decrease_effect)
+        )
+        if not isinstance(effect, Change):
+            add(self._formulas.fact(effect.atom, scope), isinstance(effect, Add), trigger, variables)
+            return
+        function = self._formulas.function(effect.function, scope)
+        value = self._formulas.expression(effect.value, scope, duration)
+        match effect.operation:
+            case AssignOp.INCREASE:
+                increase(function, value, trigger, variables)
+            case AssignOp.DECREASE:
+                decrease(function, value, trigger, variables)
+            case AssignOp.SCALE_UP:
+                add(function, self._make.Times(function, value), trigger, variables)
+            case AssignOp.SCALE_DOWN:
+                add(function, self._make.Div(function, value), trigger, variables)
+            case _:
+                add(function, value, trigger, variables)
+
+    def _add_continuous(self, made: Any, simple: _Simple, duration: Any) -> None:
+        effect, scope, variables, conditions = simple
+        assert isinstance(effect, Change)
+        if variables or conditions:
+            raise InvalidKnowledge(f"{effect_text(effect)} within when or forall has no counterpart")
+        model = self._up.model
+        interval = model.ClosedTimeInterval(model.StartTiming(), model.EndTiming())
+        function = self._formulas.function(effect.function, scope)
+        is_loss = effect.value[0] is Operator.UMINUS
+        rate = self._formulas.expression(effect.value[1:] if is_loss else effect.value, scope, duration)
+        add = made.add_decrease_continuous_effect if is_loss else made.add_increase_continuous_effect
+        add(interval, function, rate)
+
+
+def changed_functions(domain: Domain) -> Iterator[str]:
+    """The keys of the functions that some operator changes."""
+    todo: list[Effect] = [effect for action in domain.actions.values() for _, effect in action.effects]
+    while todo:
+        match todo.pop():
+            case When(_, parts) | ForEach(_, parts):
+                todo.extend(parts)
+            case Change(_, function, _):
+                yield key(function.name)
+
+
+def _conjuncts(condition: Condition) -> Iterator[Condition]:
+    if isinstance(condition, And):
+        for part in condition.parts:
+            yield from _conjuncts(part)
+    else:
+        yield condition

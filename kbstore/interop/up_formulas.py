@@ -1,0 +1,163 @@
+"""Expressions and conditions as those of unified_planning."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from fractions import Fraction
+from itertools import product
+from typing import Any
+
+from kbstore import expressions
+from kbstore.errors import InvalidKnowledge
+from kbstore.interop.up_symbols import Symbols, library
+from kbstore.logic import (
+    And,
+    Atom,
+    Comparison,
+    Condition,
+    Exists,
+    Expression,
+    Forall,
+    Imply,
+    Not,
+    Or,
+    Parameter,
+    Same,
+    Token,
+    Truism,
+)
+from kbstore.messages import ComparisonType, Operator, SpecialType
+from kbstore.messages.base import format_number
+from kbstore.names import key
+from kbstore.pddl.text import condition_text
+
+Scope = Mapping[str, Any]
+"""What each variable stands for, by the variable's key: a parameter or a variable of unified_planning."""
+
+NOTHING: Scope = {}
+
+
+class Formulas:
+    """Translates formulas; whatever has no counterpart is `InvalidKnowledge` that names it."""
+
+    def __init__(self, symbols: Symbols) -> None:
+        self.symbols = symbols
+        self._up = library()
+        self._make = symbols.environment.expression_manager
+
+    # -- terms and numbers ------------------------------------------------------------------------------------
+
+    def term(self, name: str, scope: Scope) -> Any:
+        """An object, or what a variable stands for."""
+        found = scope.get(key(name[1:])) if name.startswith("?") else self.symbols.objects.get(key(name))
+        if found is None:
+            raise InvalidKnowledge(f"{name} is neither an object that exists nor a variable that is bound")
+        return found if name.startswith("?") else self._make.ObjectExp(found)
+
+    def fact(self, atom: Atom, scope: Scope = NOTHING) -> Any:
+        """A predicate with its arguments."""
+        return self.symbols.predicate(atom.name)(*(self.term(argument, scope) for argument in atom.arguments))
+
+    def function(self, atom: Atom, scope: Scope = NOTHING) -> Any:
+        """A numeric function with its arguments."""
+        return self.symbols.function(atom.name)(*(self.term(argument, scope) for argument in atom.arguments))
+
+    def number(self, number: float) -> Any:
+        """A number, as the decimal that it is written as."""
+        exact = Fraction(format_number(number))
+        return self._make.Int(int(exact)) if exact.denominator == 1 else self._make.Real(exact)
+
+    def expression(self, expression: Expression, scope: Scope = NOTHING, duration: Any = None) -> Any:
+        """A numeric expression; `duration` is the translated value of ``?duration``, if it has one."""
+
+        def leaf(token: Token) -> Any:
+            if isinstance(token, Atom):
+                return self.function(token, scope)
+            if isinstance(token, SpecialType):
+                if token is SpecialType.DURATION and duration is not None:
+                    return duration
+                raise InvalidKnowledge(f"{token.pddl} in an expression has no counterpart in unified_planning")
+            return self.number(expressions.number(token))
+
+        def operate(operator: Operator, operands: Sequence[Any]) -> Any:
+            match operator:
+                case Operator.ADD:
+                    return self._make.Plus(*operands)
+                case Operator.SUB:
+                    return self._make.Minus(*operands)
+                case Operator.MUL:
+                    return self._make.Times(*operands)
+                case Operator.DIV:
+                    return self._make.Div(*operands)
+                case Operator.UMINUS:
+                    return self._make.Minus(self._make.Int(0), *operands)
+
+        return expressions.fold(expression, leaf, operate)
+
+    # -- conditions -------------------------------------------------------------------------------------------
+
+    def condition(self, node: Condition, scope: Scope = NOTHING, duration: Any = None) -> Any:
+        """A condition."""
+        match node:
+            case Truism():
+                return self._make.TRUE()
+            case Atom():
+                return self.fact(node, scope)
+            case Not(part):
+                return self._make.Not(self.condition(part, scope, duration))
+            case And(parts):
+                return self._make.And(*[self.condition(part, scope, duration) for part in parts])
+            case Or(parts):
+                return self._make.Or(*[self.condition(part, scope, duration) for part in parts])
+            case Imply(premise, conclusion):
+                return self._make.Implies(
+                    self.condition(premise, scope, duration), self.condition(conclusion, scope, duration)
+                )
+            case Exists(parameters, part):
+                each = self.bound(parameters, scope)
+                return self._make.Or(*[self._make.Exists(self.condition(part, s, duration), *v) for v, s in each])
+            case Forall(parameters, part):
+                each = self.bound(parameters, scope)
+                return self._make.And(*[self._make.Forall(self.condition(part, s, duration), *v) for v, s in each])
+            case Same(left, right):
+                return self._make.Equals(self.term(left, scope), self.term(right, scope))
+            case Comparison(comparison, left_side, right_side):
+                left_value = self.expression(left_side, scope, duration)
+                right_value = self.expression(right_side, scope, duration)
+                return self._compared(comparison, left_value, right_value)
+            case _:
+                raise InvalidKnowledge(f"{condition_text(node)} has no counterpart in unified_planning")
+
+    def bound(self, parameters: Sequence[Parameter], scope: Scope) -> Iterator[tuple[list[Any], Scope]]:
+        """Variables for parameters, and the scope with them.
+
+        A variable of unified_planning has one type: an ``either`` makes several lists of variables, which together
+        range over the same objects. A name that is in use gets a number, so that nothing is hidden.
+        """
+        for types in product(*(p.types for p in parameters)):
+            variables, inner = [], dict(scope)
+            for parameter, type_name in zip(parameters, types, strict=True):
+                name, count = parameter.name, 1
+                while key(name) in inner:
+                    count += 1
+                    name = f"{parameter.name}_{count}"
+                variable = self._up.model.Variable(name, self.symbols.type(type_name), self.symbols.environment)
+                variables.append(variable)
+                inner[key(parameter.name)] = inner[key(name)] = self._make.VariableExp(variable)
+            yield variables, inner
+
+    def is_of(self, term: Any, types: tuple[str, ...], scope: Scope) -> Any:
+        """That an object is of one of the types: it is the same as some object of them."""
+        same = (variable for (variable,), _ in self.bound((Parameter("same", types),), scope))
+        return self._make.Or(*(self._make.Exists(self._make.Equals(variable, term), variable) for variable in same))
+
+    def _compared(self, comparison: ComparisonType, left: Any, right: Any) -> Any:
+        match comparison:
+            case ComparisonType.GREATER:
+                return self._make.GT(left, right)
+            case ComparisonType.GREATEREQ:
+                return self._make.GE(left, right)
+            case ComparisonType.LESS:
+                return self._make.LT(left, right)
+            case ComparisonType.LESSEQ:
+                return self._make.LE(left, right)
+            case ComparisonType.EQUALS:
+                return self._make.Equals(left, right)

@@ -1,0 +1,163 @@
+"""The types, predicates, functions and objects of a knowledge base as those of unified_planning."""
+
+import importlib
+from collections import Counter, OrderedDict
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+from kbstore.domain import ROOT_TYPE, Domain, Signature
+from kbstore.errors import InvalidKnowledge, KbStoreError
+from kbstore.logic import (
+    And,
+    Condition,
+    Effect,
+    Exists,
+    Forall,
+    ForEach,
+    Imply,
+    Not,
+    Or,
+    Parameter,
+    Preference,
+    When,
+)
+from kbstore.names import key
+
+
+class MissingLibrary(KbStoreError, ImportError):
+    """A library that an optional part of kbstore needs is not installed."""
+
+
+def library() -> Any:
+    """The package unified_planning. Raises `MissingLibrary` if it is not installed."""
+    try:
+        importlib.import_module("unified_planning.shortcuts")
+        return importlib.import_module("unified_planning")
+    except ImportError as error:
+        raise MissingLibrary(
+            f"planning needs the library unified_planning, which cannot be imported ({error});"
+            " install it with: pip install 'kbstore[planning]'"
+        ) from error
+
+
+class Refusals:
+    """What unified_planning cannot express, collected so that all of it is reported together."""
+
+    def __init__(self) -> None:
+        self.violations: list[str] = []
+        up = library()
+        # besides its own exceptions the library refuses by assertions, and recurses into deep formulas
+        self._kinds = (up.exceptions.UPException, AssertionError, RecursionError)
+
+    @contextmanager
+    def of(self, what: str) -> Iterator[None]:
+        """Collect the refusals of the block, which is about `what`."""
+        try:
+            yield
+        except InvalidKnowledge as error:
+            self.violations += [f"{what}: {violation}" for violation in error.violations]
+        except self._kinds as error:
+            reason = str(error) or type(error).__name__
+            self.violations.append(f"{what}: unified_planning refuses it: {reason}")
+
+    def report(self) -> None:
+        """Raise `InvalidKnowledge` with everything that was refused, if anything was."""
+        if self.violations:
+            raise InvalidKnowledge(*self.violations)
+
+
+class Symbols:
+    """What a problem speaks of, found by name whatever the case, and spelled as the domain spells it.
+
+    A predicate or function of an ``either`` type takes the nearest common supertype. The type ``object`` is made only
+    where something is of that type, so that flat domains stay flat.
+    """
+
+    def __init__(
+        self, domain: Domain, objects: Mapping[str, str], types_in_use: Iterable[str], environment: Any
+    ) -> None:
+        self.domain = domain
+        self.environment = environment
+        self.has_root = any(key(name) == ROOT_TYPE for name in types_in_use)
+        self._up = library()
+        self._types: dict[str, Any] = {}
+        self._fluents: dict[str, Any] = {}
+        self.objects: dict[str, Any] = {}
+        for name, type_name in objects.items():
+            self.objects[key(name)] = self._up.model.Object(name, self.type(type_name), environment)
+
+    def types(self) -> list[Any]:
+        """All types of the domain."""
+        return [self.type(name) for name in self.domain.types if self.has_root or key(name) != ROOT_TYPE]
+
+    def type(self, name: str) -> Any:
+        """The type of that name."""
+        father = None
+        for type_key in reversed(list(self.domain.supertypes(name))):
+            if type_key == ROOT_TYPE and not self.has_root:
+                continue
+            if type_key not in self._types:
+                spelling = self.domain.type_spelling(type_key)
+                self._types[type_key] = self.environment.type_manager.UserType(spelling, father)
+            father = self._types[type_key]
+        return father
+
+    def parameters(self, parameters: Sequence[Parameter]) -> "OrderedDict[str, Any]":
+        """Parameters with their types."""
+        return OrderedDict((p.name, self.type(common_type(self.domain, p.types))) for p in parameters)
+
+    def predicate(self, name: str) -> Any:
+        """The fluent for a predicate. Raises `InvalidKnowledge` for a derived one."""
+        if self.domain.is_derived(name):
+            raise InvalidKnowledge(f"{name} is a derived predicate, and unified_planning has none")
+        return self._fluent(self.domain.predicate_signature(name), self.environment.type_manager.BoolType())
+
+    def function(self, name: str) -> Any:
+        """The fluent for a numeric function."""
+        return self._fluent(self.domain.function_signature(name), self.environment.type_manager.RealType())
+
+    def _fluent(self, signature: Signature, values: Any) -> Any:
+        name = key(signature.name)
+        if name not in self._fluents:
+            parameters = self.parameters(signature.parameters)
+            self._fluents[name] = self._up.model.Fluent(signature.name, values, parameters, self.environment)
+        return self._fluents[name]
+
+
+def common_type(domain: Domain, types: Sequence[str]) -> str:
+    """The nearest type that all the types are of."""
+    first, *others = types
+    return next(
+        above for above in domain.supertypes(first) if all(domain.is_subtype(other, (above,)) for other in others)
+    )
+
+
+def quantified(formula: Condition | Effect) -> Iterator[str]:
+    """The types that the quantifiers of a condition or an effect range over."""
+    todo: list[Condition | Effect] = [formula]
+    while todo:
+        match todo.pop():
+            case Exists(parameters, part) | Forall(parameters, part):
+                yield from (type_name for p in parameters for type_name in p.types)
+                todo.append(part)
+            case ForEach(parameters, effects):
+                yield from (type_name for p in parameters for type_name in p.types)
+                todo.extend(effects)
+            case When(condition, effects):
+                todo.extend((condition, *effects))
+            case Not(part) | Preference(_, part):
+                todo.append(part)
+            case And(parts) | Or(parts):
+                todo.extend(parts)
+            case Imply(premise, conclusion):
+                todo.extend((premise, conclusion))
+
+
+def ambiguous_names(domain: Domain, objects: Iterable[str]) -> list[str]:
+    """The names that mean several things; PDDL tells them apart, unified_planning does not unless it is told to."""
+    predicates = (signature.name for signature in domain.predicate_signatures.values())
+    functions = (signature.name for signature in domain.function_signatures.values())
+    operators = (action.name for action in domain.actions.values())
+    counted = Counter((*domain.types, *predicates, *functions, *operators, *objects))
+    return [name for name, count in counted.items() if count > 1]
