@@ -77,7 +77,8 @@ class Formulas(tuple[DomainFormula, ...]):
 class Domain:
     """What a PDDL domain declares. Mappings are by `kbstore.names.key`, unless said otherwise.
 
-    `types` maps each type's name, as written, to its parent's; `constants` each constant's name to its type.
+    `types` maps each type's name, as written, to its parent's (to ``(either a b)`` where it has several);
+    `constants` each constant's name to its type.
     """
 
     name: str
@@ -139,11 +140,15 @@ class Domain:
         marks = self.sensed | {key(name)} if sensed else self.sensed - {key(name)}
         return replace(self, sensed=frozenset(marks))
 
+    def marked(self, names: Iterable[str]) -> "Domain":
+        """The domain with exactly these predicates, by their keys, marked as sensed."""
+        return replace(self, sensed=frozenset(names))
+
     # -- types ------------------------------------------------------------------------------------------------
 
     @cached_property
-    def _parents(self) -> dict[str, str]:
-        return {key(name): key(parent) for name, parent in self.types.items()}
+    def _parents(self) -> dict[str, tuple[str, ...]]:
+        return {key(name): _type_keys(parent) for name, parent in self.types.items()}
 
     @cached_property
     def constant_types(self) -> dict[str, str]:
@@ -175,11 +180,12 @@ class Domain:
 
     def supertypes(self, name: str) -> Iterator[str]:
         """The keys of a type and of all types above it, up to ``object``."""
-        type_key, seen = key(name), set[str]()
-        while type_key not in seen:
-            seen.add(type_key)
-            yield type_key
-            type_key = self._parents.get(type_key, ROOT_TYPE)
+        waiting, seen = [key(name)], set[str]()
+        for type_key in waiting:
+            if type_key not in seen:
+                seen.add(type_key)
+                yield type_key
+                waiting.extend(self._parents.get(type_key, (ROOT_TYPE,)))
 
     def is_subtype(self, name: str, of: Iterable[str]) -> bool:
         """Whether a type is one of the types `of`, or below one."""
@@ -191,11 +197,16 @@ class Domain:
     @cached_property
     def operators(self) -> Mapping[str, DomainOperator]:
         """The operators as messages, by name as written."""
-        return {action.name: operator_message(action) for action in self.actions.values()}
+        return {action.name: operator_message(action, self.constants) for action in self.actions.values()}
 
     def operator(self, name: str) -> DomainOperator:
         """The operator as a message. Raises `UnknownSymbol`."""
         return self.operators[self.action(name).name]
+
+
+def _type_keys(type_text: str) -> tuple[str, ...]:
+    """The keys of the types that a type's text names: one, or those of an ``either``."""
+    return tuple(map(key, type_text.strip("()").split()[1:])) if type_text[:1] == "(" else (key(type_text),)
 
 
 def _find(symbols: Mapping[str, _Symbol], name: str, what: str, domain: str) -> _Symbol:

@@ -1,0 +1,57 @@
+"""Numeric expressions as the messages carry them: from flat tuples to ExprComposite, and back."""
+
+import math
+from collections.abc import Callable
+
+from kbstore.errors import InvalidKnowledge
+from kbstore.logic import Atom, Expression, Token
+from kbstore.messages import DomainFormula, ExprBase, ExprComposite, ExprType, KeyValue, Operator, SpecialType
+
+_NO_FUNCTION = DomainFormula()
+
+
+def composite_of(expression: Expression, formula_of: Callable[[Atom], DomainFormula]) -> ExprComposite:
+    """The expression as a message; `formula_of` labels the arguments of its functions."""
+    return ExprComposite.trusted(tokens=tuple(_base(token, formula_of) for token in expression))
+
+
+def unlabelled(atom: Atom) -> DomainFormula:
+    """A function's term as a message, its arguments without labels."""
+    values = tuple(KeyValue.trusted(key="", value=argument) for argument in atom.arguments)
+    return DomainFormula.trusted(name=atom.name, typed_parameters=values)
+
+
+def from_composite(composite: ExprComposite) -> Expression:
+    """The expression that a message carries. Raises `InvalidKnowledge` for an empty one, and for NaN and infinities."""
+    if not composite.tokens:
+        raise InvalidKnowledge("the expression is empty; give at least one token, a number or a function")
+    return tuple(_token(base) for base in composite.tokens)
+
+
+def _base(token: Token, formula_of: Callable[[Atom], DomainFormula]) -> ExprBase:
+    kind, constant, function = ExprType.CONSTANT, 0.0, _NO_FUNCTION
+    op, special = Operator.ADD, SpecialType.HASHT
+    match token:
+        case Operator():
+            kind, op = ExprType.OPERATOR, token
+        case SpecialType():
+            kind, special = ExprType.SPECIAL, token
+        case Atom():
+            kind, function = ExprType.FUNCTION, formula_of(token)
+        case _:
+            constant = float(token)
+    return ExprBase.trusted(expr_type=kind, constant=constant, function=function, op=op, special_type=special)
+
+
+def _token(base: ExprBase) -> Token:
+    match base.expr_type:
+        case ExprType.OPERATOR:
+            return base.op
+        case ExprType.SPECIAL:
+            return base.special_type
+        case ExprType.FUNCTION:
+            return Atom(base.function.name, tuple(value.value for value in base.function.typed_parameters))
+        case ExprType.CONSTANT:
+            if not math.isfinite(base.constant):
+                raise InvalidKnowledge(f"{base.constant!r} is not a number for an expression; give a finite number")
+            return base.constant

@@ -1,0 +1,1 @@
+"""PDDL text: reading domains, problems, items and questions, and writing problems."""

@@ -1,0 +1,223 @@
+"""Conditions: from their groups to the formulas of `kbstore.logic`."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from kbstore.errors import InvalidKnowledge
+from kbstore.logic import (
+    And,
+    Comparison,
+    Condition,
+    Defined,
+    Exists,
+    Forall,
+    Imply,
+    IsA,
+    Not,
+    Or,
+    Parameter,
+    Preference,
+    Same,
+    Truism,
+)
+from kbstore.messages import ComparisonType, SpecialType
+from kbstore.names import is_wildcard
+from kbstore.pddl.context import NO_VARIABLES, Context, Variables
+from kbstore.pddl.expressions import ANY_SPECIAL, is_number, read_expression, read_function
+from kbstore.pddl.sexpr import Group, node_text
+from kbstore.pddl.typed_lists import bound, read_parameters
+
+MAX_DEPTH = 150
+"""Conditions and effects that remain nested deeper than this are refused, so that recursion over them is safe."""
+
+COMPARISONS = {comparison.pddl: comparison for comparison in ComparisonType}
+
+TRAJECTORY = frozenset(
+    (
+        "always",
+        "sometime",
+        "within",
+        "at-most-once",
+        "sometime-after",
+        "sometime-before",
+        "always-within",
+        "hold-during",
+        "hold-after",
+    )
+)
+"""The words for constraints on a plan's course."""
+
+_WORDS = frozenset(("and", "or", "not", "imply", "forall", "exists", "preference", *COMPARISONS, *TRAJECTORY))
+
+
+@dataclass
+class ConditionReader:
+    """Reads conditions of one text; `specials` are the special numbers that mean something in them."""
+
+    context: Context
+    specials: frozenset[SpecialType] = ANY_SPECIAL
+
+    def read(self, group: Group, variables: Variables = NO_VARIABLES, depth: int = 0) -> Condition:
+        """The condition that a group is.
+
+        A conjunction within a conjunction, a disjunction within a disjunction and double negations are dissolved.
+        Raises `PddlSyntaxError`, or complains of symbols that do not fit.
+        """
+        if depth > MAX_DEPTH:
+            raise self.context.error(f"conditions nested deeper than {MAX_DEPTH} levels cannot be read", group)
+        negative = False
+        while group.word(0) == "not" and not self.is_atom(group):
+            group = self._only_group(group)
+            negative = not negative
+        if negative:
+            return Not(self.read(group, variables, depth + 1))
+        if not group:
+            return Truism()
+        word = group.word(0)
+        if word not in _WORDS or self.is_atom(group):
+            return self._atom(group, variables)
+        match word:
+            case "and":
+                parts = tuple(self._parts(group, variables, depth))
+                return And(parts) if parts else Truism()
+            case "or":
+                return Or(tuple(self._parts(group, variables, depth)))
+            case "imply":
+                return self._imply(group, variables, depth)
+            case "forall" | "exists":
+                parameters, part = self.quantified(group)
+                inner = self.read(part, bound(variables, parameters), depth + 1)
+                return Forall(parameters, inner) if word == "forall" else Exists(parameters, inner)
+            case "preference":
+                name, part = self.preference(group)
+                return Preference(name, self.read(part, variables, depth + 1))
+            case "=":
+                return self._equals(group, variables)
+            case ">" | ">=" | "<" | "<=":
+                return self._comparison(group, variables)
+        raise self.context.error(
+            f"({word} ...) constrains a plan's course, and stands only in (:constraints ...)", group
+        )
+
+    def quantified(self, group: Group) -> tuple[tuple[Parameter, ...], Group]:
+        """The variables of ``(forall (?x - t) part)`` or ``exists``, and the part."""
+        if len(group) != 3 or not isinstance(group[1], Group) or not isinstance(group[2], Group):
+            word = group.word(0)
+            raise self.context.error(
+                f"({word} (?x - type) ...) takes a list of variables and one more group, "
+                f"not {len(group) - 1}: {node_text(group, 60)}",
+                group,
+            )
+        return read_parameters(self.context, group[1]), group[2]
+
+    def preference(self, group: Group) -> tuple[str, Group]:
+        """The name of a preference (it may have none), and its part."""
+        part = group[-1]
+        if len(group) not in (2, 3) or not isinstance(part, Group):
+            raise self.context.error(
+                f"a preference is (preference name (condition)), not {node_text(group, 60)}", group
+            )
+        return self.context.name(group, 1, "preference") if len(group) == 3 else "", part
+
+    def groups_of(self, group: Group) -> Iterator[Group]:
+        """The parts of a conjunction or a disjunction; those of the same kind within it are dissolved."""
+        word = group.word(0)
+        levels = [iter(enumerate(group))]
+        owners = [group]
+        next(levels[0])
+        while levels:
+            for index, part in levels[-1]:
+                if not isinstance(part, Group):
+                    raise self.context.error(
+                        f"({word} ...) takes conditions or effects in brackets, not {part}", owners[-1], index
+                    )
+                if part.word(0) == word and not self.is_atom(part):
+                    levels.append(iter(enumerate(part)))
+                    owners.append(part)
+                    next(levels[-1])
+                    break
+                yield part
+            else:
+                levels.pop()
+                owners.pop()
+
+    def is_atom(self, group: Group) -> bool:
+        """Whether a keyword is used as the name of a declared predicate."""
+        return (
+            len(group) > 1
+            and all(isinstance(node, str) for node in group)
+            and group.word(0) not in COMPARISONS
+            and self.context.is_predicate(group.word(0))
+        )
+
+    def _parts(self, group: Group, variables: Variables, depth: int) -> Iterator[Condition]:
+        for part in self.groups_of(group):
+            condition = self.read(part, variables, depth + 1)
+            if not (isinstance(condition, Truism) and group.word(0) == "and"):
+                yield condition
+
+    def _only_group(self, group: Group) -> Group:
+        part = group[1] if len(group) == 2 else None
+        if not isinstance(part, Group):
+            raise self.context.error(f"(not ...) takes one condition in brackets, not {node_text(group, 60)}", group)
+        return part
+
+    def _atom(self, group: Group, variables: Variables) -> Condition:
+        context = self.context
+        name = context.name(group, 0, "predicate")
+        if len(group) == 3 and group[1] == "-" and isinstance(group[2], str) and context.objects is None:
+            return IsA(name, context.type_name(group[2], group, 2))
+        if context.objects is None and context.is_function(name):
+            return Defined(read_function(context, group, variables, wildcards=True))
+        if (name.lower(), group.word(1)) in _TIMED and not context.is_predicate(name):
+            raise context.error(f"({name} {group[1]} ...) belongs to durative actions", group)
+        return context.atom(group, context.predicate(name, group), variables)
+
+    def _imply(self, group: Group, variables: Variables, depth: int) -> Condition:
+        if len(group) != 3 or not isinstance(group[1], Group) or not isinstance(group[2], Group):
+            raise self.context.error(f"(imply ...) takes two conditions in brackets: {node_text(group, 60)}", group)
+        premise = self.read(group[1], variables, depth + 1)
+        return Imply(premise, self.read(group[2], variables, depth + 1))
+
+    def _comparison(self, group: Group, variables: Variables) -> Condition:
+        self._two_operands(group)
+        left = read_expression(self.context, group, 1, variables, self.specials)
+        right = read_expression(self.context, group, 2, variables, self.specials)
+        return Comparison(COMPARISONS[group.word(0)], left, right)
+
+    def _equals(self, group: Group, variables: Variables) -> Condition:
+        """``(= a b)``: of objects, if both sides are words that are neither numbers nor functions."""
+        self._two_operands(group)
+        sides = [node for node in group[1:] if isinstance(node, str)]
+        is_numeric = any(
+            side.lower() in ("#t", "?duration", "total-time")
+            or self.context.is_bare_function(side)
+            or (is_number(side) and not self.context.is_object(side))
+            for side in sides
+        )
+        names_variable = any(is_wildcard(side) and side.lower() != "?duration" for side in sides)
+        if len(sides) < 2 or (is_numeric and not names_variable):
+            return self._comparison(group, variables)
+        for index, side in enumerate(sides, 1):
+            problem = self.context.misfit(side, variables)
+            if self.context.objects is None and is_wildcard(side) and side[1:].lower() not in variables:
+                problem = f"{side} matches nothing in a comparison; say (exists (?x - some-type) ...)"
+            if problem:
+                self.context.complain(InvalidKnowledge, f"{node_text(group)}: {problem}", group, index)
+        return Same(sides[0], sides[1])
+
+    def _two_operands(self, group: Group) -> None:
+        if len(group) != 3:
+            raise self.context.error(
+                f"({group.word(0)} ...) compares two values, not {len(group) - 1}: {node_text(group, 60)}", group
+            )
+
+
+def conjuncts(condition: Condition) -> tuple[Condition, ...]:
+    """The parts of a conjunction; of anything else, itself; of what is always true, none."""
+    if isinstance(condition, And):
+        return condition.parts
+    return () if isinstance(condition, Truism) else (condition,)
+
+
+_TIMED = frozenset((("at", "start"), ("at", "end"), ("over", "all")))

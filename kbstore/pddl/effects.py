@@ -1,0 +1,173 @@
+"""Effects of one moment: from their groups to the formulas of `kbstore.logic`."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from kbstore.errors import InvalidKnowledge
+from kbstore.logic import Add, Atom, Change, Delete, Effect, Expression, ForEach, When
+from kbstore.messages import AssignOp, Operator, SpecialType
+from kbstore.pddl.conditions import MAX_DEPTH, ConditionReader
+from kbstore.pddl.context import Context, Variables
+from kbstore.pddl.expressions import read_expression, read_function
+from kbstore.pddl.sexpr import Group, node_text
+from kbstore.pddl.typed_lists import bound
+
+ASSIGNMENTS = {
+    "assign": AssignOp.ASSIGN,
+    "increase": AssignOp.INCREASE,
+    "decrease": AssignOp.DECREASE,
+    "scale-up": AssignOp.SCALE_UP,
+    "scale-down": AssignOp.SCALE_DOWN,
+}
+_WORDS = frozenset(("and", "not", "forall", "when", *ASSIGNMENTS))
+
+
+@dataclass
+class EffectReader:
+    """Reads effects; `specials` are the special numbers that mean something in the values of numeric ones."""
+
+    context: Context
+    conditions: ConditionReader
+    specials: frozenset[SpecialType]
+
+    def read(self, group: Group, variables: Variables, depth: int = 0) -> Iterator[Effect]:
+        """The effects that a group lists. Raises `PddlSyntaxError`, or complains of what does not fit."""
+        self.check_depth(group, depth)
+        if not group:
+            return
+        word = group.word(0)
+        if self._is_atom(group):
+            yield Add(self._changed_atom(group, variables))
+        elif word == "and":
+            for part in self.conditions.groups_of(group):
+                yield from self.read(part, variables, depth + 1)
+        elif word == "not":
+            deleted = group[1] if len(group) == 2 else None
+            if not isinstance(deleted, Group) or not deleted or not self._is_atom(deleted):
+                raise self.context.error(f"the effect (not ...) takes one fact: {node_text(group, 60)}", group)
+            yield Delete(self._changed_atom(deleted, variables))
+        elif word == "forall":
+            parameters, part = self.conditions.quantified(group)
+            effects = tuple(self.read(part, bound(variables, parameters), depth + 1))
+            if effects:
+                yield ForEach(parameters, effects)
+        elif word == "when":
+            premise, part = self.when(group)
+            condition = self.conditions.read(premise, variables, depth + 1)
+            effects = tuple(self.read(part, variables, depth + 1))
+            if effects:
+                yield When(condition, effects)
+        elif word in ASSIGNMENTS:
+            yield self._change(group, variables)
+        else:
+            known = ", ".join(("and", "not", "forall", "when", *ASSIGNMENTS))
+            raise self.context.error(
+                f"{node_text(group, 60)} is no effect here; an effect is a fact, or begins with {known}", group
+            )
+
+    def continuous(self, group: Group, variables: Variables) -> Change:
+        """A continuous effect, ``(increase (battery ?r) (* #t (rate ?r)))``."""
+        function, value = self._target_and_value(group, variables, self.specials | {SpecialType.HASHT})
+        rate = rate_of(value)
+        if rate is None:
+            raise self.context.error(
+                "this effect says neither when it happens (at start, at end) nor a rate, as in "
+                "(increase (f) (* #t (rate)))",
+                group,
+            )
+        operation = ASSIGNMENTS[group.word(0)]
+        return Change(AssignOp.ASSIGN_CTS, function, negated(rate) if operation is AssignOp.DECREASE else rate)
+
+    def when(self, group: Group) -> tuple[Group, Group]:
+        """The condition and the effect of a conditional effect."""
+        if len(group) != 3 or not isinstance(group[1], Group) or not isinstance(group[2], Group):
+            raise self.context.error(f"(when ...) takes a condition and an effect: {node_text(group, 60)}", group)
+        return group[1], group[2]
+
+    def check_depth(self, group: Group, depth: int) -> None:
+        """Refuse what is nested too deep."""
+        if depth > MAX_DEPTH:
+            raise self.context.error(f"effects nested deeper than {MAX_DEPTH} levels cannot be read", group)
+
+    def _is_atom(self, group: Group) -> bool:
+        """Whether a group consists of words only, and does not begin with a keyword that names no predicate."""
+        word = group.word(0)
+        return all(isinstance(node, str) for node in group) and (
+            word not in _WORDS or (len(group) > 1 and self.context.is_predicate(word))
+        )
+
+    def _change(self, group: Group, variables: Variables) -> Change:
+        function, value = self._target_and_value(group, variables, self.specials)
+        return Change(ASSIGNMENTS[group.word(0)], function, value)
+
+    def _target_and_value(
+        self, group: Group, variables: Variables, specials: frozenset[SpecialType]
+    ) -> tuple[Atom, Expression]:
+        context = self.context
+        if len(group) != 3:
+            raise context.error(
+                f"({group.word(0)} (f) value) takes a function and a value: {node_text(group, 60)}", group
+            )
+        function = read_function(context, function_group(context, group, 1), variables, wildcards=False)
+        return function, read_expression(context, group, 2, variables, specials)
+
+    def _changed_atom(self, group: Group, variables: Variables) -> Atom:
+        context = self.context
+        name = context.name(group, 0, "predicate")
+        if context.domain is not None and context.domain.is_derived(name):
+            context.complain(InvalidKnowledge, f"{name} is derived by rules, and no action can change it", group)
+        return context.atom(group, context.predicate(name, group), variables)
+
+
+def function_group(context: Context, group: Group, index: int) -> Group:
+    """The group of a function's term at a place, also where it stands without brackets, as ``total-cost`` may."""
+    node = group[index]
+    if isinstance(node, Group):
+        return node
+    term = Group([node])
+    term.start = context.source.offset(group, index)
+    return term
+
+
+def rate_of(expression: Expression) -> Expression | None:
+    """The rate of a continuous change: the expression without its ``#t``; None if it is not proportional to it."""
+    degrees: list[int | None] = []  # of each operand: 1 proportional to #t, 0 independent of it, None neither
+    for token in reversed(expression):
+        if not isinstance(token, Operator):
+            degrees.append(int(token is SpecialType.HASHT))
+        elif token is not Operator.UMINUS:
+            left, right = degrees.pop(), degrees.pop()
+            match token:
+                case _ if left is None or right is None:
+                    degree = None
+                case Operator.MUL:
+                    degree = left + right if left + right < 2 else None
+                case Operator.DIV:
+                    degree = left if right == 0 else None
+                case _:
+                    degree = left if left == right else None
+            degrees.append(degree)
+    if degrees != [1]:
+        return None
+    if expression[0] is Operator.MUL and expression[1] is SpecialType.HASHT:
+        return expression[2:]
+    if expression[0] is Operator.MUL and expression[-1] is SpecialType.HASHT and _is_whole(expression[1:-1]):
+        return expression[1:-1]
+    return tuple(1.0 if token is SpecialType.HASHT else token for token in expression)
+
+
+def _is_whole(tokens: Expression) -> bool:
+    """Whether tokens are one expression, and not the beginning of a longer one."""
+    wanted = 1
+    for token in tokens:
+        if not wanted:
+            return False
+        wanted += token.arity - 1 if isinstance(token, Operator) else -1
+    return not wanted
+
+
+def negated(expression: Expression) -> Expression:
+    """The expression with the other sign."""
+    if len(expression) == 1 and isinstance(expression[0], float):
+        return (-expression[0],)
+    return (Operator.UMINUS, *expression)

@@ -1,0 +1,139 @@
+"""Numeric expressions: from their groups to flat tuples in prefix order, without recursion."""
+
+import math
+import re
+
+from kbstore.errors import InvalidKnowledge
+from kbstore.logic import Atom, Expression, Token
+from kbstore.messages import Operator, SpecialType
+from kbstore.names import is_wildcard
+from kbstore.pddl.context import NO_VARIABLES, Context, Variables
+from kbstore.pddl.sexpr import Group, Node, node_text
+
+NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?", re.ASCII)
+"""A number as PDDL files write it."""
+
+_OPERATORS = {"+": Operator.ADD, "-": Operator.SUB, "*": Operator.MUL, "/": Operator.DIV}
+_SPECIALS = {"#t": SpecialType.HASHT, "total-time": SpecialType.TOTAL_TIME, "?duration": SpecialType.DURATION}
+
+ANY_SPECIAL = frozenset(SpecialType)
+
+
+def is_number(word: Node) -> bool:
+    """Whether a word is a number."""
+    return isinstance(word, str) and NUMBER.fullmatch(word) is not None
+
+
+def number_at(context: Context, group: Group, index: int) -> float | None:
+    """The number that stands at a place, also as ``(- 5)``; None if there is something else.
+
+    Raises `PddlSyntaxError` for a number that a double cannot hold.
+    """
+    node, sign = group[index], 1.0
+    if isinstance(node, Group) and len(node) == 2 and node[0] == "-":
+        node, sign = node[1], -1.0
+    if not isinstance(node, str) or not NUMBER.fullmatch(node):
+        return None
+    value = float(node)
+    if math.isinf(value):
+        raise context.error(f"the number {node:.60} is too large for a double", group, index)
+    return sign * value
+
+
+def read_expression(
+    context: Context,
+    group: Group,
+    index: int,
+    variables: Variables = NO_VARIABLES,
+    specials: frozenset[SpecialType] = ANY_SPECIAL,
+) -> Expression:
+    """The expression at a place of a group.
+
+    Sums and products of more than two operands become nested ones; `specials` are the special numbers that mean
+    something where the expression stands. Raises `PddlSyntaxError`, or complains of symbols that do not fit.
+    """
+    tokens: list[Token] = []
+    stack: list[tuple[Group, int]] = [(group, index)]
+    while stack:
+        parent, place = stack.pop()
+        node = parent[place]
+        if isinstance(node, str):
+            tokens.append(_word(context, parent, place, node, specials))
+        elif node.word(0) in _OPERATORS:
+            tokens.extend(_operators(context, node))
+            stack.extend((node, operand) for operand in range(len(node) - 1, 0, -1))
+        elif node.word(0) == "total-time" and len(node) == 1 and not context.is_function("total-time"):
+            tokens.append(_special(context, parent, place, SpecialType.TOTAL_TIME, specials))
+        elif node.word(0) == "is-violated" and SpecialType.TOTAL_TIME in specials:
+            # a metric counts a preference by its name, as if it were the argument of a function
+            tokens.append(Atom(context.name(node, 0, "function"), (context.name(node, 1, "preference"),)))
+        elif not node:
+            raise context.error("a numeric expression is expected here, not ()", node)
+        else:
+            tokens.append(read_function(context, node, variables, wildcards=False))
+    return tuple(tokens)
+
+
+def read_function(context: Context, group: Group, variables: Variables, *, wildcards: bool) -> Atom:
+    """The term of a numeric function; `wildcards` says whether free variables are patterns here (rule V7)."""
+    name = context.name(group, 0, "numeric function")
+    if is_number(name) or name == "?duration":
+        raise context.error(f"{name} stands without brackets", group)
+    atom = context.atom(group, context.function(name, group), variables)
+    if context.objects is None and not wildcards:
+        refuse_wildcards(context, group, atom, variables)
+    return atom
+
+
+def refuse_wildcards(context: Context, group: Group, atom: Atom, variables: Variables) -> None:
+    """Complain of a free variable in a comparison (rule V7)."""
+    for index, argument in enumerate(atom.arguments, 1):
+        if is_wildcard(argument) and argument[1:].lower() not in variables:
+            context.complain(
+                InvalidKnowledge,
+                f"{argument} in {atom} matches nothing in a comparison; say (exists (?x - some-type) ...)",
+                group,
+                index,
+            )
+
+
+def _word(context: Context, group: Group, index: int, word: str, specials: frozenset[SpecialType]) -> Token:
+    number = number_at(context, group, index)
+    if number is not None:
+        return number
+    special = _SPECIALS.get(word.lower())
+    if special is not None and not context.is_function(word):
+        return _special(context, group, index, special, specials)
+    if word[0] == "?":
+        raise context.error(f"{word} is a variable for objects, and has no numeric value", group, index)
+    if word.lower() in _OPERATORS:
+        raise context.error(f"an operation stands in brackets, like ({word} 1 2)", group, index)
+    signature = context.function(word, group, index)
+    if signature is not None and signature.parameters:
+        context.complain(InvalidKnowledge, f"{word} needs its arguments: {signature}", group, index)
+    return Atom(word)
+
+
+def _special(
+    context: Context, group: Group, index: int, special: SpecialType, specials: frozenset[SpecialType]
+) -> SpecialType:
+    if special not in specials:
+        where = {
+            SpecialType.HASHT: "the continuous effects of durative actions",
+            SpecialType.TOTAL_TIME: "the metric",
+            SpecialType.DURATION: "durative actions",
+        }
+        raise context.error(f"{special.pddl} has a meaning only in {where[special]}", group, index)
+    return special
+
+
+def _operators(context: Context, group: Group) -> list[Token]:
+    """The operators that a group of operands stands for: one, or one fewer than operands of a longer sum or product."""
+    operator = _OPERATORS[group.word(0)]
+    operands = len(group) - 1
+    if operands == 1 and operator is Operator.SUB:
+        return [Operator.UMINUS]
+    if operands == 0 or (operator in (Operator.SUB, Operator.DIV) and operands != 2):
+        takes = {"-": "one or two operands", "/": "two operands"}.get(group.word(0), "at least one operand")
+        raise context.error(f"({group.word(0)} ...) takes {takes}, not {operands}: {node_text(group, 60)}", group)
+    return [operator] * (operands - 1)

@@ -1,0 +1,248 @@
+"""Knowledge items from their groups: facts, values and changes of numeric functions, inequalities, objects, metrics."""
+
+from dataclasses import dataclass
+
+from kbstore.composites import composite_of
+from kbstore.domain import Signature
+from kbstore.errors import InvalidKnowledge
+from kbstore.logic import Atom, Comparison, Expression
+from kbstore.messages import (
+    AssignOp,
+    DomainFormula,
+    DomainInequality,
+    ExprComposite,
+    Fact,
+    Function,
+    Inequality,
+    Instance,
+    KeyValue,
+    KnowledgeItem,
+    KnowledgeType,
+    SpecialType,
+)
+from kbstore.messages import Expression as Metric
+from kbstore.names import is_wildcard, key
+from kbstore.pddl.conditions import COMPARISONS
+from kbstore.pddl.context import Context
+from kbstore.pddl.effects import ASSIGNMENTS, function_group, negated, rate_of
+from kbstore.pddl.expressions import ANY_SPECIAL, is_number, number_at, read_expression
+from kbstore.pddl.sexpr import Group, node_text
+
+OPTIMIZATIONS = ("minimize", "maximize")
+
+_ADVICE = (
+    "an item is an object (wp7 - waypoint), a fact (visited wp7), a value (= (battery kenny) 80), a change "
+    "(increase (battery kenny) 5), an inequality (> (battery kenny) 20) or a metric (minimize (total-time))"
+)
+
+
+def labelled(arguments: tuple[str, ...], signature: Signature | None) -> tuple[KeyValue, ...]:
+    """Arguments with the labels of the signature; without one, or if their number does not fit, without labels."""
+    labels = signature.labels if signature is not None and len(signature.labels) == len(arguments) else None
+    return tuple(
+        KeyValue.trusted(key=labels[index] if labels else "", value=argument)
+        for index, argument in enumerate(arguments)
+    )
+
+
+def fact_of(atom: Atom, signature: Signature | None, is_negative: bool = False) -> Fact:
+    """The fact that an atom is."""
+    return Fact.trusted(
+        initial_time=0,
+        is_negative=is_negative,
+        attribute_name=atom.name,
+        values=labelled(atom.arguments, signature),
+        knowledge_type=KnowledgeType.FACT,
+    )
+
+
+def function_of(
+    atom: Atom, signature: Signature | None, value: float | None, operation: AssignOp = AssignOp.ASSIGN
+) -> Function:
+    """The item that says (or asks, without `value`) what a numeric function is, or how it changes."""
+    return Function.trusted(
+        initial_time=0,
+        is_negative=False,
+        attribute_name=atom.name,
+        values=labelled(atom.arguments, signature),
+        knowledge_type=KnowledgeType.FUNCTION,
+        function_value=value,
+        assign_op=operation,
+        rate=0.0,
+    )
+
+
+@dataclass
+class ItemReader:
+    """Reads items of one text. What they speak of is not checked here, but where they are stored or asked."""
+
+    context: Context
+
+    def read(self, top: Group) -> KnowledgeItem:
+        """The one item that a text consists of. Raises `PddlSyntaxError`, or `InvalidKnowledge` with advice."""
+        if len(top) == 1 and isinstance(top[0], Group):
+            return self.item(top[0])
+        words = [node for node in top if isinstance(node, str)]
+        if len(top) == 2 and top.word(0) in OPTIMIZATIONS:
+            return self.metric(top, 0)
+        if len(words) == len(top):
+            return self._words(top, words)
+        if not words:
+            raise self.context.error(f"there are {len(top)} items here, but one is expected", top, 1)
+        raise self.context.error(f"{node_text(top, 60)} is no item; {_ADVICE}", top, 0)
+
+    def item(self, group: Group) -> KnowledgeItem:
+        """The item that a group is."""
+        negative = False
+        while group.word(0) == "not":
+            inner = group[1] if len(group) == 2 else None
+            if not isinstance(inner, Group):
+                raise self.context.error(f"(not ...) takes one item in brackets: {node_text(group, 60)}", group)
+            group, negative = inner, not negative
+        item = self._positive(group)
+        if not negative:
+            return item
+        if isinstance(item, Metric) or (isinstance(item, Function) and item.function_value is not None):
+            raise InvalidKnowledge(
+                f"(not {item}) is no item: a value or a metric is not false, it is another one, or removed"
+            )
+        return item.changed(is_negative=True)
+
+    def metric(self, group: Group, index: int) -> Metric:
+        """The metric whose ``minimize`` or ``maximize`` stands at a place, followed by its expression."""
+        optimization, expression = read_metric(Context(self.context.source), group, index, ANY_SPECIAL)
+        return Metric(optimization=optimization, expr=self.composite(expression))
+
+    def composite(self, expression: Expression) -> ExprComposite:
+        """The expression as a message, labelled by the domain."""
+        return composite_of(expression, self._formula)
+
+    def inequality(self, comparison: Comparison, is_negative: bool = False) -> Inequality:
+        """The item that a comparison is."""
+        ineq = DomainInequality.trusted(
+            comparison_type=comparison.comparison,
+            LHS=self.composite(comparison.left),
+            RHS=self.composite(comparison.right),
+            grounded=True,
+        )
+        return Inequality(ineq=ineq, is_negative=is_negative)
+
+    def predicate(self, name: str) -> Signature | None:
+        """The signature by which a fact is labelled, if the domain has one."""
+        return self.context.domain.predicate_signatures.get(key(name)) if self.context.domain else None
+
+    def function(self, name: str) -> Signature | None:
+        """The signature by which a numeric function is labelled, if the domain has one."""
+        return self.context.domain.function_signatures.get(key(name)) if self.context.domain else None
+
+    def _formula(self, atom: Atom) -> DomainFormula:
+        values = labelled(atom.arguments, self.function(atom.name))
+        return DomainFormula.trusted(name=atom.name, typed_parameters=values)
+
+    def _words(self, top: Group, words: list[str]) -> KnowledgeItem:
+        """An object with its type, ``wp7 - waypoint``; of a removal or a question, also without."""
+        context = self.context
+        if not words:
+            raise context.error(f"the text is empty; {_ADVICE}", top)
+        name, type_name = words[0], ""
+        if len(words) == 3 and words[1] == "-":
+            type_name = words[2]
+        elif len(words) == 2 and words[1][0] == "-" and len(words[1]) > 1:
+            type_name = words[1][1:]
+        elif len(words) == 2 and name[-1] == "-" and len(name) > 1:
+            name, type_name = name[:-1], words[1]
+        elif len(words) > 1 or context.is_predicate(name) or context.is_function(name):
+            raise context.error(f"a fact stands in brackets, like ({' '.join(words)})", top, 0)
+        if name == "-" or type_name == "-":
+            raise context.error(
+                f"an object and its type are written like wp7 - waypoint, not {node_text(top, 60)}", top, 0
+            )
+        return Instance(instance_name=name, instance_type=type_name)
+
+    def _positive(self, group: Group) -> KnowledgeItem:
+        context, word = self.context, group.word(0)
+        if not group:
+            raise context.error(f"() is no item; {_ADVICE}", group)
+        if word in OPTIMIZATIONS or (word == ":metric" and len(group) > 1):
+            return self.metric(group, int(word == ":metric"))
+        if word in COMPARISONS:
+            return self._compared(group)
+        if word in ASSIGNMENTS and len(group) == 3 and not (_all_words(group) and context.is_predicate(word)):
+            return self._change(group)
+        if len(group) == 3 and group[1] == "-" and _all_words(group):
+            return Instance(instance_name=str(group[0]), instance_type=str(group[2]))
+        if not _all_words(group) and word in _CONDITIONS:
+            raise InvalidKnowledge(f"{node_text(group, 60)} is a condition, which is not one item; {_ADVICE}")
+        name = context.name(group, 0, "predicate")
+        atom = Atom(name, context.words(group, 1))
+        if context.is_function(name):
+            return function_of(atom, self.function(name), None)
+        return fact_of(atom, self.predicate(name))
+
+    def _compared(self, group: Group) -> KnowledgeItem:
+        """``(= (f a) 3)`` is the value of a function; every other comparison is an inequality."""
+        context = self.context
+        if len(group) != 3:
+            raise context.error(f"({group[0]} ...) compares two values: {node_text(group, 60)}", group)
+        left, right = group[1], group[2]
+        is_term = isinstance(left, Group) and left.word(0) not in ("+", "-", "*", "/", "total-time")
+        if group[0] == "=" and (is_term or (isinstance(left, str) and not is_number(left) and left[0] not in "?#")):
+            value = number_at(context, group, 2)
+            if value is not None:
+                atom = self._term(group)
+                return function_of(atom, self.function(atom.name), value)
+        if group[0] == "=" and isinstance(left, str) and isinstance(right, str) and not is_number(left):
+            raise InvalidKnowledge(
+                f"{node_text(group, 60)} compares two objects, which can be asked, but is not something to know"
+            )
+        unchecked = Context(context.source)
+        first, second = read_expression(unchecked, group, 1), read_expression(unchecked, group, 2)
+        return self.inequality(Comparison(COMPARISONS[group.word(0)], first, second))
+
+    def _change(self, group: Group) -> Function:
+        context, operation = self.context, ASSIGNMENTS[group.word(0)]
+        atom = self._term(group)
+        value = number_at(context, group, 2)
+        if value is None and operation in (AssignOp.INCREASE, AssignOp.DECREASE):
+            rate = rate_of(read_expression(Context(context.source), group, 2))
+            value = _constant(rate) if rate is not None else None
+            if value is not None:
+                value = -value if operation is AssignOp.DECREASE else value
+                operation = AssignOp.ASSIGN_CTS
+        if value is None:
+            raise InvalidKnowledge(
+                f"{node_text(group, 80)}: the value of a change is a number, or a rate like (* #t 2), "
+                f"not {node_text(group[2], 60)}"
+            )
+        return function_of(atom, self.function(atom.name), value, operation)
+
+    def _term(self, group: Group) -> Atom:
+        """The function's term that a group begins with."""
+        term = function_group(self.context, group, 1)
+        name = self.context.name(term, 0, "numeric function")
+        if is_wildcard(name) or is_number(name):
+            raise self.context.error(f"the name of a numeric function is expected here, not {name}", term)
+        return Atom(name, self.context.words(term, 1))
+
+
+def read_metric(context: Context, group: Group, index: int, specials: frozenset[SpecialType]) -> tuple[str, Expression]:
+    """The word ``minimize`` or ``maximize`` at a place, and the expression after it."""
+    if group.word(index) not in OPTIMIZATIONS or len(group) != index + 2:
+        raise context.error(
+            f"a metric is minimize or maximize and one expression, not {node_text(group, 60)}", group, index
+        )
+    return group.word(index), read_expression(context, group, index + 1, specials=specials)
+
+
+_CONDITIONS = ("and", "or", "imply", "forall", "exists", "preference", "when")
+
+
+def _all_words(group: Group) -> bool:
+    return all(isinstance(node, str) for node in group)
+
+
+def _constant(expression: Expression) -> float | None:
+    """The number that an expression without functions is, as far as signs go."""
+    while len(expression) == 2:
+        expression = negated(expression[1:])
+    return float(expression[0]) if len(expression) == 1 and isinstance(expression[0], float) else None

@@ -1,0 +1,127 @@
+"""The conditions and effects of durative actions, each with its moment."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from kbstore.logic import And, Condition, Effect, Exists, Forall, ForEach, Moment, Preference, Truism, When
+from kbstore.pddl.conditions import ConditionReader, conjuncts
+from kbstore.pddl.context import Context, Variables
+from kbstore.pddl.effects import EffectReader
+from kbstore.pddl.sexpr import Group, node_text
+from kbstore.pddl.typed_lists import bound
+
+TimedCondition = tuple[Moment, Condition]
+TimedEffect = tuple[Moment, Effect]
+
+_MOMENTS = {("at", "start"): Moment.AT_START, ("over", "all"): Moment.OVER_ALL, ("at", "end"): Moment.AT_END}
+
+
+@dataclass
+class TimedReader:
+    """Reads what a durative action says of its start, its course and its end."""
+
+    context: Context
+    conditions: ConditionReader
+    effects: EffectReader
+
+    def read_conditions(self, group: Group, variables: Variables, depth: int = 0) -> Iterator[TimedCondition]:
+        """The conditions, conjunctions split into their parts. Raises `PddlSyntaxError`, or complains."""
+        self.effects.check_depth(group, depth)
+        if not group:
+            return
+        word, moment = group.word(0), self._moment(group)
+        if moment is not None:
+            condition = self.conditions.read(self._inner(group), variables, depth + 1)
+            yield from ((moment, part) for part in conjuncts(condition))
+        elif word == "and":
+            for part_group in self.conditions.groups_of(group):
+                yield from self.read_conditions(part_group, variables, depth + 1)
+        elif word == "forall":
+            parameters, inner = self.conditions.quantified(group)
+            for when, part in self.read_conditions(inner, bound(variables, parameters), depth + 1):
+                yield when, Forall(parameters, part)
+        elif word == "exists":
+            parameters, inner = self.conditions.quantified(group)
+            timed = list(self.read_conditions(inner, bound(variables, parameters), depth + 1))
+            yield self._one_moment(group, timed), Exists(parameters, _joined([part for _, part in timed]))
+        elif word == "preference":
+            name, inner = self.conditions.preference(group)
+            timed = list(self.read_conditions(inner, variables, depth + 1))
+            for when in Moment:
+                parts = [part for at, part in timed if at is when]
+                if parts:
+                    yield when, Preference(name, _joined(parts))
+        else:
+            raise self.context.error(
+                "a condition of a durative action says when it has to hold, at start, over all or at end: "
+                f"(at start {node_text(group, 60)})",
+                group,
+            )
+
+    def read_effects(self, group: Group, variables: Variables, depth: int = 0) -> Iterator[TimedEffect]:
+        """The effects; a continuous one is of `Moment.OVER_ALL`. Raises `PddlSyntaxError`, or complains."""
+        self.effects.check_depth(group, depth)
+        if not group:
+            return
+        word, moment = group.word(0), self._moment(group)
+        if moment is Moment.OVER_ALL:
+            raise self.context.error(
+                "an effect happens at start or at end, or continuously: (increase (f) (* #t 2))", group
+            )
+        elif moment is not None:
+            for effect in self.effects.read(self._inner(group), variables, depth + 1):
+                yield moment, effect
+        elif word == "and":
+            for part in self.conditions.groups_of(group):
+                yield from self.read_effects(part, variables, depth + 1)
+        elif word == "forall":
+            parameters, inner = self.conditions.quantified(group)
+            timed = list(self.read_effects(inner, bound(variables, parameters), depth + 1))
+            for when in Moment:
+                effects = tuple(effect for at, effect in timed if at is when)
+                if effects:
+                    yield when, ForEach(parameters, effects)
+        elif word == "when":
+            yield from self._conditional(group, variables, depth)
+        elif word in ("increase", "decrease"):
+            yield Moment.OVER_ALL, self.effects.continuous(group, variables)
+        else:
+            raise self.context.error(
+                f"an effect of a durative action says when it happens: (at end {node_text(group, 60)})", group
+            )
+
+    def _conditional(self, group: Group, variables: Variables, depth: int) -> Iterator[TimedEffect]:
+        premise, consequence = self.effects.when(group)
+        conditions = list(self.read_conditions(premise, variables, depth + 1))
+        effects = list(self.read_effects(consequence, variables, depth + 1))
+        if not effects:
+            return
+        moment = self._one_moment(group, effects)
+        if any(when is not moment for when, _ in conditions):
+            raise self.context.error(
+                "a conditional effect whose condition is of another moment than its effect cannot be read; "
+                "record the condition as a fact at its moment, and make the effect conditional on that fact",
+                group,
+            )
+        yield moment, When(_joined([part for _, part in conditions]), tuple(effect for _, effect in effects))
+
+    def _moment(self, group: Group) -> Moment | None:
+        """The moment that ``(at start (p))`` speaks of; None of what is none of these, like ``(at kenny wp0)``."""
+        moment = _MOMENTS.get((group.word(0), group.word(1)))
+        return moment if len(group) > 2 and isinstance(group[2], Group) else None
+
+    def _inner(self, group: Group) -> Group:
+        inner = group[2]
+        if len(group) != 3 or not isinstance(inner, Group):
+            raise self.context.error(f"({group[0]} {group[1]} ...) takes one group: {node_text(group, 60)}", group)
+        return inner
+
+    def _one_moment(self, group: Group, timed: Sequence[TimedCondition] | Sequence[TimedEffect]) -> Moment:
+        moments = {moment for moment, _ in timed}
+        if len(moments) != 1:
+            raise self.context.error(f"all of ({group.word(0)} ...) has to be of one moment, at start or at end", group)
+        return moments.pop()
+
+
+def _joined(parts: list[Condition]) -> Condition:
+    return parts[0] if len(parts) == 1 else And(tuple(parts)) if parts else Truism()

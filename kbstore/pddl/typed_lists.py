@@ -1,0 +1,88 @@
+"""Typed lists: ``?r - robot ?from ?to - waypoint``, in all the spellings of real files."""
+
+from collections.abc import Iterator
+
+from kbstore.domain import ROOT_TYPE
+from kbstore.logic import Parameter
+from kbstore.names import key
+from kbstore.pddl.context import Context, Variables
+from kbstore.pddl.sexpr import Group, node_text
+
+Types = tuple[str, ...]
+
+
+def read_typed_list(context: Context, group: Group, start: int) -> Iterator[tuple[int, str, Types]]:
+    """Each name of a typed list with its index and its types, as written (without a type: no types).
+
+    Reads ``- type`` also where it is glued to a name: ``?x -type``, and ``wp0- waypoint`` where what follows can
+    only be a type. Raises `PddlSyntaxError`.
+    """
+    pending: list[tuple[int, str]] = []
+    index = start
+    while index < len(group):
+        node = group[index]
+        types: Types | None = None
+        if isinstance(node, Group):
+            raise context.error(f"a name is expected here, not {node_text(node, 60)}", group, index)
+        if node == "-":
+            index += 1
+            types = _types(context, group, index)
+        elif node[0] == "-" and pending:
+            types = (node[1:],)
+        elif node[-1] == "-" and _ends_in_type(context, group, index):
+            pending.append((index, node[:-1]))
+            index += 1
+            types = _types(context, group, index)
+        else:
+            pending.append((index, node))
+        index += 1
+        if types is not None:
+            if not pending:
+                raise context.error("'-' says the type of the names before it, but there are none", group, index - 2)
+            yield from ((place, name, types) for place, name in pending)
+            pending.clear()
+    yield from ((place, name, ()) for place, name in pending)
+
+
+def read_parameters(context: Context, group: Group, start: int = 0) -> tuple[Parameter, ...]:
+    """The typed variables of a group. Raises `PddlSyntaxError`; complains of unknown types and of repeated names."""
+    parameters: dict[str, Parameter] = {}
+    for index, variable, types in read_typed_list(context, group, start):
+        if variable[0] != "?" or len(variable) == 1:
+            raise context.error(f"a variable is expected here, with a name after its '?', not {variable}", group, index)
+        name = variable[1:]
+        if key(name) in parameters:
+            raise context.error(f"the variable {variable} is declared twice in this list", group, index)
+        known = tuple(context.type_name(type_name, group, index) for type_name in types)
+        parameters[key(name)] = Parameter(name, known or (ROOT_TYPE,))
+    return tuple(parameters.values())
+
+
+def bound(variables: Variables, parameters: tuple[Parameter, ...]) -> Variables:
+    """The variables with some more that are bound."""
+    return {**variables, **{key(parameter.name): parameter.types for parameter in parameters}}
+
+
+def _types(context: Context, group: Group, index: int) -> Types:
+    if index >= len(group):
+        raise context.error("a type is missing after '-'", group, index)
+    node = group[index]
+    if isinstance(node, str):
+        if node == "-":
+            raise context.error("a type is expected after '-'", group, index)
+        return (node,)
+    if node.word(0) != "either" or len(node) < 2 or not all(isinstance(part, str) for part in node):
+        raise context.error(f"a type, or (either type ...), is expected here, not {node_text(node, 60)}", group, index)
+    return tuple(node[1:])  # type: ignore[arg-type]
+
+
+def _ends_in_type(context: Context, group: Group, index: int) -> bool:
+    """Whether the word with a '-' glued to its end is followed by a type: nothing else can stand there."""
+    if index + 1 >= len(group) or len(group[index]) < 2:
+        return False
+    if index + 2 < len(group) and group[index + 2] == "-":
+        return False
+    following = group[index + 1]
+    if isinstance(following, Group):
+        return following.word(0) == "either"
+    return following[0] != "?" if str(group[index])[0] == "?" else context.knows_type(following)
