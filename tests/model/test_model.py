@@ -113,6 +113,12 @@ class Agreement(RuleBasedStateMachine):
         self.clock.advance(tick)
         self._load(domain)
 
+    @precondition(lambda self: self.reference.world().domain)
+    @rule(tick=universe.ticks, step=universe.steps, wrong=universe.wrong_steps, last=st.booleans())
+    def a_mistake(self, tick, step, wrong, last):
+        self.clock.advance(tick)
+        self._write(self._resolved([step, wrong] if last else [wrong, step]), "update")
+
     @rule(behind=st.sampled_from([1, 2, TOLERANCE, TOLERANCE + 1, 10 * TOLERANCE]), step=universe.steps)
     def write_with_a_clock_that_is_behind(self, behind, step):
         true_time = self.clock.now()

@@ -26,6 +26,13 @@ DOMAINS = (
     replace(ROOMS, name="homeless", constants={}),
 )
 
+
+def weighted(*choices):
+    """One of several strategies, each as often as its weight says (`one_of` counts equal ones once)."""
+    strategies = [strategy for weight, strategy in choices for _ in range(weight)]
+    return st.sampled_from(range(len(strategies))).flatmap(strategies.__getitem__)
+
+
 delays = st.sampled_from([0, 0, 0, 0, 1, 2, 3, 4, 6, 9, SECOND, -1])
 ticks = st.sampled_from([0, 0, 1, 1, 2, 3, 5, 8, SECOND // 2, 2 * SECOND])
 signs = st.booleans()
@@ -34,11 +41,11 @@ likely_objects = st.sampled_from([Object("a", "place"), Object("b", "room"), Obj
 odd_objects = st.sampled_from(
     [Object("a", "room"), Object("b", "robot"), Object("r", "place"), Object("home", "place"), Object("a", "dragon")]
 )
-objects = st.one_of(likely_objects, likely_objects, likely_objects, odd_objects)
+objects = weighted((7, likely_objects), (1, odd_objects))
 ends = likely_objects.map(lambda item: replace(item, positive=False))
 
-places = st.sampled_from(["a", "a", "a", "b", "b", "home", "r", "x"])
-robots = st.sampled_from(["r", "r", "r", "r", "r", "r", "a", "x"])
+places = st.sampled_from([*["a", "b"] * 8, "home", "home", "r", "x"])
+robots = st.sampled_from([*["r"] * 14, "a", "x"])
 facts = st.one_of(
     st.builds(Fact, st.just("lit"), st.just(()), signs),
     st.builds(Fact, st.just("open"), st.tuples(places), signs),
@@ -71,7 +78,7 @@ assignments = st.builds(lambda term, value, rate: Number(*term, value, rate), te
 relative_changes = st.builds(
     lambda term, value, operation: Number(*term, value, 0.0, operation), terms, values, operations
 )
-numbers = st.one_of(assignments, assignments, relative_changes)
+numbers = weighted((2, assignments), (1, relative_changes))
 
 metrics = st.sampled_from(
     [
@@ -92,34 +99,27 @@ conditions = st.sampled_from(
     ]
 )
 
-additions = st.one_of(objects, ends, facts, facts, facts, numbers, numbers, comparisons)
-goals = st.one_of(facts, comparisons, conditions)
-removals = st.one_of(
-    objects, likely_objects, patterns, patterns, terms.map(lambda term: Number(*term, 77.0)), comparisons
+additions = weighted((2, objects), (2, ends), (6, facts), (4, numbers), (1, comparisons))
+goals = weighted((2, facts), (1, comparisons), (1, conditions))
+removals = weighted(
+    (1, objects), (1, likely_objects), (3, patterns), (1, terms.map(lambda term: Number(*term, 77.0))), (1, comparisons)
 )
+goal_patterns = patterns.filter(lambda item: isinstance(item, Fact))
 
-told = st.one_of(
-    st.tuples(st.just("add"), additions),
-    st.tuples(st.just("add"), additions),
-    st.tuples(st.just("add"), additions),
-    st.tuples(st.just("remove"), removals),
-    st.tuples(st.just("add_goal"), goals),
-    st.tuples(st.just("remove_goal"), st.one_of(goals, patterns.filter(lambda item: isinstance(item, Fact)))),
-    st.tuples(st.just("add_metric"), metrics),
-    st.tuples(st.just("remove_metric"), st.one_of(metrics, st.just(Metric()))),
+told = weighted(
+    (8, st.tuples(st.just("add"), additions)),
+    (3, st.tuples(st.just("remove"), removals)),
+    (1, st.tuples(st.just("add_goal"), goals)),
+    (1, st.tuples(st.just("remove_goal"), st.one_of(goals, goal_patterns))),
+    (1, st.tuples(st.just("add_metric"), metrics)),
+    (1, st.tuples(st.just("remove_metric"), st.one_of(metrics, st.just(Metric())))),
 )
-wrong = st.tuples(st.sampled_from(["add", "remove"]), mistakes)
 again = st.tuples(st.sampled_from(["cancel", "cancel", "reschedule", "end", "repeat"]), st.integers(0, 20))
 
-steps = st.one_of(
-    st.tuples(told, delays),
-    st.tuples(told, delays),
-    st.tuples(told, delays),
-    st.tuples(again, delays),
-    st.tuples(again, delays),
-    st.tuples(wrong, delays),
-)
+steps = st.tuples(weighted((3, told), (1, again)), delays)
 """A step is what to do, and how far ahead; `again` points at something that is scheduled, or that stands."""
+
+wrong_steps = st.tuples(st.tuples(st.sampled_from(["add", "remove"]), mistakes), delays)
 
 ROLES = {"state": ("add", "remove"), "goal": ("add_goal", "remove_goal")}
 
