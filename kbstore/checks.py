@@ -75,8 +75,9 @@ class Checks:
             elif self._domain is not None:
                 type_name = self.type_at(argument, t)
                 if type_name is None:
-                    when = "does not exist" if t <= self._draft.now else f"does not exist at {isoformat(t)}"
-                    yield f"{atom}: {argument} {when}; {_expected(allowed)}; add it first, as: {argument} - {allowed[0]}"
+                    missing = "does not exist" + ("" if t <= self._draft.now else f" at {isoformat(t)}")
+                    advice = f"add it first, as: {argument} - {allowed[0]}"
+                    yield f"{atom}: {argument} {missing}; {_expected(allowed)}; {advice}"
                 elif key(type_name) not in self._subtypes(allowed):
                     yield f"{atom}: {argument} is of type {type_name}; {_expected(allowed)}"
 

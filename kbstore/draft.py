@@ -18,6 +18,7 @@ from kbstore.messages import KnowledgeType
 from kbstore.storage.repository import Repository, Stored
 from kbstore.timelines import EndCause, Identity, Role, Timeline, Value, number_at
 
+Row = tuple[Timeline, int, Value]
 Mentions = Callable[[Timeline, Value], Sequence[str]]
 
 
@@ -187,6 +188,10 @@ class Draft:
             self._mentioning[name].append(track)
             self._new_mentions[track, name] = None
 
+    def mention_objects(self, track: Track, value: Value) -> None:
+        """Note the objects that a value mentions."""
+        self.mention(track, self._mentions(track.timeline, value))
+
     def savepoint(self) -> None:
         """From here on, `roll_back` takes changes back."""
         self._journal.clear()
@@ -235,6 +240,21 @@ class Draft:
             known = set(self._mentioning[name])
             self._mentioning[name] += [found for found in stored if found not in known]
         return list(self._mentioning[name])
+
+    def overlay(self, rows: dict[Identity, Row], pending: dict[tuple[Identity, int], Row]) -> None:
+        """Put what the draft has in the place of what is stored, standing and pending."""
+        for identity, track in self._tracks.items():
+            if track.timeline.kind is KnowledgeType.FUNCTION:
+                self._add_contributions(track)
+            base = track.base(self.now)
+            if track.value is None:
+                rows.pop(identity, None)
+            elif base is None or track.value != self._value_now(track, base):
+                rows[identity] = (track.timeline, self.now, track.value)
+            for t in track.stored_ahead.keys() - track.ahead.keys():
+                pending.pop((identity, t), None)
+            for t, value in track.ahead.items():
+                pending[identity, t] = (track.timeline, t, value)
 
     # -- what is written --------------------------------------------------------------------------------------
 
@@ -350,11 +370,11 @@ def _existences(value: Value | None, ahead: dict[int, Value], now: int) -> list[
 
 
 def _lost(before: Sequence[Existence], after: Sequence[Existence]) -> list[tuple[int, int]]:
-    """The time in `before` that is not in `after`."""
+    """The time in `before` in which the object does not exist with that type any more in `after`."""
     lost: list[tuple[int, int]] = []
-    for start, end, _ in before:
-        for other_start, other_end, _ in after:
-            if other_end <= start or other_start >= end:
+    for start, end, type_name in before:
+        for other_start, other_end, other_type in after:
+            if other_end <= start or other_start >= end or other_type.lower() != type_name.lower():
                 continue
             if other_start > start:
                 lost.append((start, other_start))

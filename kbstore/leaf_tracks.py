@@ -5,7 +5,6 @@ from itertools import product
 from math import prod
 
 from kbstore import comparisons, tracks
-from kbstore.domain import Signature
 from kbstore.evaluation import wild_types
 from kbstore.interpretation import Course, Span
 from kbstore.joins import Relation, Types

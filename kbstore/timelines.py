@@ -32,7 +32,6 @@ from kbstore.logic import (
     Truism,
 )
 from kbstore.messages import KeyValue, KnowledgeType
-from kbstore.names import key
 
 Value = tuple[Any, ...]
 
@@ -119,32 +118,3 @@ def number_at(value: Value, initial_time: int, t: int) -> float:
     number: float = value[1]
     rate: float = value[3]
     return number + rate * ((t - initial_time) / SECOND) if rate else number
-
-
-def objects_in(condition: Condition) -> set[str]:
-    """The keys of the objects that a condition mentions by name."""
-    found: set[str] = set()
-    stack: list[Condition] = [condition]
-    while stack:
-        part = stack.pop()
-        match part:
-            case Atom() | Defined(Atom()):
-                atom = part if isinstance(part, Atom) else part.function
-                found.update(map(key, atom.arguments))
-            case Comparison():
-                for token in (*part.left, *part.right):
-                    if isinstance(token, Atom):
-                        found.update(map(key, token.arguments))
-            case Same():
-                found.update((key(part.left), key(part.right)))
-            case IsA():
-                found.add(key(part.name))
-            case Imply():
-                stack += (part.premise, part.conclusion)
-            case Not() | Exists() | Forall() | Preference():
-                stack.append(part.part)
-            case Truism():
-                pass
-            case _:
-                stack += part.parts
-    return {name for name in found if name and name[0] != "?"}

@@ -11,7 +11,7 @@ from kbstore.courses import RememberedCourse, Snapshot
 from kbstore.evaluation import Evaluation
 from kbstore.interpretation import Arguments, Course, Interpretation
 from kbstore.intervals import Intervals
-from kbstore.joins import Guard, Relation, Types, assignments, guards, is_variable, variables_of
+from kbstore.joins import Guard, Relation, Types, Variables, assignments, guards, is_variable, variables_of
 from kbstore.leaf_tracks import LeafTracks
 from kbstore.logic import (
     And,
@@ -31,7 +31,7 @@ from kbstore.logic import (
     atoms_of,
 )
 from kbstore.messages.enums import Truth
-from kbstore.names import key
+from kbstore.names import is_wildcard, key
 from kbstore.rules import program, walk
 from kbstore.substitution import Bindings, Pattern, keyed, pattern, term
 from kbstore.tracks import Track
@@ -203,15 +203,15 @@ class Tracks:
 
     def _fact_tracks(self, atom: Atom, scope: Variables) -> Iterator[Track]:
         """Tracks that change wherever an atom in a rule may change, whatever its variables stand for."""
-        name, wanted = key(atom.name), pattern(atom, {})
-        for value in wanted:
-            if value is not None:
-                yield self._leaves.is_a(value, ("object",))
+        name, wanted = key(atom.name), pattern(atom, {variable: variable for variable in scope})
+        for argument in atom.arguments:
+            if not is_wildcard(argument):
+                yield self._leaves.is_a(key(argument), ("object",))
+        for types in self._leaves.wild_ranges(name, wanted):
+            yield from self._presences(types)
         if name not in self._derived_names:
             for row in self._course.all_signs(name):
                 yield self._leaves.fact(Atom(name, row), {})
-            for types in self._leaves.wild_ranges(name, wanted):
-                yield from self._presences(types)
 
     def _presences(self, types: Types) -> list[Track]:
         return [self._leaves.presence(name, types) for name in self._leaves.objects(types)]

@@ -15,6 +15,7 @@ from kbstore.domain import Domain
 from kbstore.errors import InvalidKnowledge
 from kbstore.interop.plans import Happening, Step, execute, steps
 from kbstore.interop.up_actions import Actions, changed_functions
+from kbstore.interop.up_constraints import Trajectory, read_constraint, translated, types_of
 from kbstore.interop.up_formulas import Formulas
 from kbstore.interop.up_symbols import (
     MissingLibrary,
@@ -53,8 +54,8 @@ def to_problem(state: "State", *, environment: Any = None) -> Any:
 
     Raises:
         InvalidKnowledge: there is no domain, or something has no counterpart in unified_planning: derived
-            predicates, preferences, trajectory constraints, ``?duration`` where it is not fixed, objects that come or
-            go, functions that move at the state's time.
+            predicates, preferences, constraints with deadlines, ``?duration`` where it is not fixed, objects that come
+            or go, functions that move at the state's time.
         MissingLibrary: unified_planning is not installed.
     """
     if state.domain is None:
@@ -76,13 +77,17 @@ class _Translation:
                 environment = self._up.environment.Environment()
                 environment.error_used_name = False
         self._environment = environment
+        self._refusals = Refusals()
         self._goals = [_goal_condition(goal, domain) for goal in state.goals]
+        self._constraints: dict[str, Trajectory] = {}
+        for text in state.constraints:
+            with self._refusals.of("the constraints"):
+                self._constraints[text] = read_constraint(text, domain)
         self._symbols = Symbols(domain, self._objects, self._types_in_use(), environment)
         self._formulas = Formulas(self._symbols)
         self._problem = self._up.model.Problem(
             state.name, environment, initial_defaults={environment.type_manager.BoolType(): False}
         )
-        self._refusals = Refusals()
 
     def problem(self) -> Any:
         with warnings.catch_warnings():
@@ -100,9 +105,9 @@ class _Translation:
         for goal in self._goals:
             with self._refusals.of(f"the goal {condition_text(goal)}"):
                 self._problem.add_goal(self._formulas.condition(goal))
-        for constraint in self._state.constraints:
-            with self._refusals.of(f"the constraint {constraint}"):
-                raise InvalidKnowledge("trajectory constraints are not translated; plan with the PDDL of to_pddl()")
+        for text, constraint in self._constraints.items():
+            with self._refusals.of(f"the constraint {text}"):
+                self._problem.add_trajectory_constraint(translated(constraint, self._formulas))
         if self._state.metric is not None:
             with self._refusals.of(f"the metric {self._state.metric}"):
                 self._problem.add_quality_metric(self._metric(self._state.metric))
@@ -125,6 +130,8 @@ class _Translation:
                 yield from quantified(formula)
         for goal in self._goals:
             yield from quantified(goal)
+        for constraint in self._constraints.values():
+            yield from types_of(constraint)
 
     def _add_symbols(self) -> None:
         domain, problem = self._domain, self._problem
@@ -139,8 +146,9 @@ class _Translation:
         for signature in domain.function_signatures.values():
             with self._refusals.of(f"the function {signature}"):
                 problem.add_fluent(self._symbols.function(signature.name))
-        with self._refusals.of("the objects"):
-            problem.add_objects(self._symbols.objects.values())
+        for name in self._objects:
+            with self._refusals.of(f"the object {name}"):
+                problem.add_object(self._symbols.object(name))
 
     def _add_actions(self) -> None:
         timed = (item.attribute_name for item in self._state.timed_knowledge if isinstance(item, Function))

@@ -47,10 +47,11 @@ class Formulas:
 
     def term(self, name: str, scope: Scope) -> Any:
         """An object, or what a variable stands for."""
-        found = scope.get(key(name[1:])) if name.startswith("?") else self.symbols.objects.get(key(name))
-        if found is None:
-            raise InvalidKnowledge(f"{name} is neither an object that exists nor a variable that is bound")
-        return found if name.startswith("?") else self._make.ObjectExp(found)
+        if not name.startswith("?"):
+            return self._make.ObjectExp(self.symbols.object(name))
+        if key(name[1:]) not in scope:
+            raise InvalidKnowledge(f"the variable {name} is not bound")
+        return scope[key(name[1:])]
 
     def fact(self, atom: Atom, scope: Scope = NOTHING) -> Any:
         """A predicate with its arguments."""

@@ -81,20 +81,38 @@ class Symbols:
         self.environment = environment
         self.has_root = any(key(name) == ROOT_TYPE for name in types_in_use)
         self._up = library()
+        self._parents = {key(name): key(parent) for name, parent in domain.types.items()}
         self._types: dict[str, Any] = {}
         self._fluents: dict[str, Any] = {}
-        self.objects: dict[str, Any] = {}
-        for name, type_name in objects.items():
-            self.objects[key(name)] = self._up.model.Object(name, self.type(type_name), environment)
+        self._objects: dict[str, Any] = {}
+        self._named = {key(name): (name, type_name) for name, type_name in objects.items()}
+
+    def object(self, name: str) -> Any:
+        """The object or constant of that name. Raises `InvalidKnowledge` if there is none."""
+        name_key = key(name)
+        if name_key not in self._named:
+            raise InvalidKnowledge(f"{name} does not exist")
+        if name_key not in self._objects:
+            spelling, type_name = self._named[name_key]
+            self._objects[name_key] = self._up.model.Object(spelling, self.type(type_name), self.environment)
+        return self._objects[name_key]
 
     def types(self) -> list[Any]:
         """All types of the domain."""
         return [self.type(name) for name in self.domain.types if self.has_root or key(name) != ROOT_TYPE]
 
     def type(self, name: str) -> Any:
-        """The type of that name."""
+        """The type of that name. Raises `InvalidKnowledge` for one that has several parents, or is below itself."""
+        above = [key(name)]
+        while above[-1] != ROOT_TYPE:
+            parent = self._parents.get(above[-1], ROOT_TYPE)
+            if parent.startswith("(") or parent in above:
+                raise InvalidKnowledge(
+                    f"the type {name} is below {parent}; a type of unified_planning has one parent, above itself"
+                )
+            above.append(parent)
         father = None
-        for type_key in reversed(list(self.domain.supertypes(name))):
+        for type_key in reversed(above):
             if type_key == ROOT_TYPE and not self.has_root:
                 continue
             if type_key not in self._types:

@@ -151,11 +151,12 @@ class AssertionQueries:
         )
         """The same after the transaction :number."""
 
-        self.ahead = Statement(
-            f"{LEVELS_CTE} SELECT {stored} FROM {table} WHERE {kb} AND {pending_nodes}"
-            " AND recorded_time <= :t AND initial_time > :t AND cancelled_tx IS NULL"
-        )
-        """The stored rows that lie ahead of :t."""
+        scheduled = f"FROM {table} WHERE {kb} AND recorded_time IS NOT NULL AND cancelled_tx IS NULL"
+        self.ahead = Statement(f"SELECT timeline_id {scheduled} AND initial_time > :t")
+        """The timelines on which something lies ahead of :t."""
+
+        self.due = Statement(f"SELECT {recorded} {scheduled} AND initial_time > :after AND initial_time <= :upto")
+        """What was scheduled, and took effect after :after and up to :upto."""
 
         latest = (
             f"SELECT max(g.initial_time) FROM {table} g WHERE g.{kb} AND g.timeline_id = value"

@@ -243,7 +243,7 @@ class Repository:
     def scheduled_objects(self, t: int) -> set[int]:
         """The INSTANCE timelines on which something lies ahead of `t`."""
         rows = self._session.all(queries.for_kind[KnowledgeType.INSTANCE].ahead, {"kb": self._kb, "t": t})
-        return {row[1] for row in rows}
+        return {row[0] for row in rows}
 
     def running(self, moment: Moment) -> list[RunRow]:
         """The durative actions that run at a place in the record, in the order in which they were started."""
@@ -293,6 +293,14 @@ class Repository:
             ended += self._recorded(self._session.all(statements.ended, parameters))
             cancelled += self._recorded(self._session.all(statements.cancelled, parameters))
         return recorded, ended, cancelled
+
+    def due(self, after: int, upto: int) -> list[Recorded]:
+        """What was scheduled, and took effect by the clock alone after a time and up to another."""
+        parameters = {"kb": self._kb, "after": after, "upto": upto}
+        found: list[Recorded] = []
+        for statements in queries.for_kind.values():
+            found += self._recorded(self._session.all(statements.due, parameters))
+        return found
 
     def _recorded(self, rows: list[Row]) -> list[Recorded]:
         timelines = self.timelines([row[0] for row in rows])

@@ -160,6 +160,7 @@ def _assertions(name: str, *own: Column[object]) -> Table:
         ("ended", (columns.ended_tx,), "ended_tx IS NOT NULL"),
         ("cancelled", (columns.cancelled_tx,), "cancelled_tx IS NOT NULL"),
         ("pending", (columns.pending_node,), "pending_node IS NOT NULL"),
+        ("scheduled", (columns.initial_time,), "recorded_time IS NOT NULL"),
         ("empty", (columns.timeline_id,), "end_time <= initial_time"),
     ):
         clause = None if where is None else text(where)

@@ -177,6 +177,7 @@ def create_assertions(table: str, *own: sa.Column[object]) -> None:
         ("ended", ["ended_tx"], "ended_tx IS NOT NULL"),
         ("cancelled", ["cancelled_tx"], "cancelled_tx IS NOT NULL"),
         ("pending", ["pending_node"], "pending_node IS NOT NULL"),
+        ("scheduled", ["initial_time"], "recorded_time IS NOT NULL"),
         ("empty", ["timeline_id"], "end_time <= initial_time"),
     ):
         create_index(f"ix_{table}_{suffix}", table, ["kb_id", *columns], where)

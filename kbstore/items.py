@@ -1,0 +1,85 @@
+"""What stands on timelines, as the items that messages carry."""
+
+from collections.abc import Iterable
+
+from kbstore.messages import (
+    AssignOp,
+    ComparisonType,
+    Condition,
+    DomainInequality,
+    Expression,
+    Fact,
+    Function,
+    Inequality,
+    Instance,
+    KnowledgeItem,
+    KnowledgeType,
+)
+from kbstore.pddl.forms import parse_expression, to_composite
+from kbstore.timelines import Timeline, Value, number_at
+from kbstore.vocabulary import Vocabulary
+
+_ATOMS = (KnowledgeType.FACT, KnowledgeType.FUNCTION)
+
+
+class ItemReader:
+    """Reads items with the labels of one vocabulary."""
+
+    def __init__(self, vocabulary: Vocabulary) -> None:
+        self._vocabulary = vocabulary
+
+    def item(self, timeline: Timeline, initial_time: int, value: Value, t: int) -> KnowledgeItem | Condition:
+        """The item that stands; of a function, with its value at `t`."""
+        match timeline.kind:
+            case KnowledgeType.FACT:
+                return Fact.trusted(
+                    initial_time=initial_time,
+                    is_negative=bool(value[0]),
+                    attribute_name=timeline.name,
+                    values=timeline.labelled(self._labels(timeline)),
+                    knowledge_type=KnowledgeType.FACT,
+                )
+            case KnowledgeType.FUNCTION:
+                return Function.trusted(
+                    initial_time=initial_time,
+                    is_negative=False,
+                    attribute_name=timeline.name,
+                    values=timeline.labelled(self._labels(timeline)),
+                    knowledge_type=KnowledgeType.FUNCTION,
+                    function_value=number_at(value, initial_time, t),
+                    assign_op=AssignOp.ASSIGN,
+                    rate=value[3],
+                )
+            case KnowledgeType.INSTANCE:
+                return Instance.trusted(
+                    initial_time=initial_time,
+                    is_negative=bool(value[0]),
+                    knowledge_type=KnowledgeType.INSTANCE,
+                    instance_type=value[1],
+                    instance_name=timeline.spelling,
+                )
+            case KnowledgeType.EXPRESSION:
+                if not value[1]:
+                    return Condition(text=value[2], initial_time=initial_time)
+                return Expression(
+                    initial_time=initial_time, optimization=value[1], expr=to_composite(parse_expression(value[2]))
+                )
+            case KnowledgeType.INEQUALITY:
+                inequality = DomainInequality(
+                    comparison_type=ComparisonType(value[1]),
+                    LHS=to_composite(parse_expression(value[2])),
+                    RHS=to_composite(parse_expression(value[3])),
+                    grounded=bool(value[4]),
+                )
+                return Inequality(initial_time=initial_time, is_negative=bool(value[0]), ineq=inequality)
+
+    def items(self, rows: Iterable[tuple[Timeline, int, Value]], t: int) -> list[KnowledgeItem | Condition]:
+        """The items that stand, in order of their initial times."""
+        return [self.item(*row, t) for row in sorted(rows, key=_order)]
+
+    def _labels(self, timeline: Timeline) -> "tuple[str, ...]":
+        return self._vocabulary.labels(timeline.kind, timeline.keys[0], len(timeline.arguments))  # type: ignore[return-value]
+
+
+def _order(row: tuple[Timeline, int, Value]) -> tuple[int, int]:
+    return row[1], row[0].id

@@ -1,0 +1,496 @@
+"""A knowledge base: one named world in a store, asked and changed."""
+
+import os
+import threading
+from collections.abc import Iterable, Iterator
+from types import TracebackType
+from typing import Any, Self
+
+from sqlalchemy import Engine
+from sqlalchemy.engine import URL
+
+from kbstore import when as spans
+from kbstore.clock import Clock, SystemClock, isoformat, time
+from kbstore.course import StoredCourse
+from kbstore.difference import difference
+from kbstore.domain import Domain
+from kbstore.errors import Conflict, InvalidKnowledge, InvalidTime, StoreUnavailable, UnknownSymbol
+from kbstore.explanation import Explainer
+from kbstore.history import History
+from kbstore.intervals import Intervals, merged
+from kbstore.messages import (
+    Expression,
+    Fact,
+    Function,
+    Goal,
+    Instance,
+    KnowledgeItem,
+    Truth,
+    UpdateType,
+)
+from kbstore.missions import applicability
+from kbstore.names import key
+from kbstore.pddl.writer import write_domain
+from kbstore.questions import Question, as_condition
+from kbstore.reading import Reader
+from kbstore.record import Applicability, Assertion, Change, Diff, Explanation, QueryResult, Run, Transaction
+from kbstore.state import State
+from kbstore.storage import queries, schema
+from kbstore.storage.engine import Database
+from kbstore.storage.repository import Head, Moment, Repository
+from kbstore.transaction import OpenTransaction
+from kbstore.vocabulary import Vocabulary
+from kbstore.watching import Watch
+
+
+class KnowledgeBase:
+    """A knowledge base; made by `kbstore.open`, and a context manager that closes it.
+
+    May be used from several threads and, after a fork, from the child. Times that it takes are anything of rule
+    T2; times that it gives are nanoseconds.
+    """
+
+    def __init__(
+        self,
+        database: Database,
+        name: str,
+        *,
+        clock: Clock | None = None,
+        use_unknowns: bool | None = None,
+        validate: bool = True,
+        read_only: bool = False,
+    ) -> None:
+        self.name = name
+        self._database = database
+        self._read_only = read_only
+        self._validate = validate
+        self._clock = clock or SystemClock()
+        kb, unknowns = self._find_or_create(use_unknowns)
+        if use_unknowns is not None and use_unknowns != unknowns:
+            raise InvalidKnowledge(
+                f"{name} was created with use_unknowns={unknowns}, which is kept with it and cannot be changed; "
+                f"open it without use_unknowns, or give another name"
+            )
+        self.use_unknowns = unknowns
+        self._reader = Reader(
+            database, kb, name, use_unknowns=unknowns, clock=self._clock, explainer=self._explain_state
+        )
+        self._history = History(self._reader)
+        self._explainer = Explainer(self._reader, self._history)
+        self._writing = threading.local()
+
+    def _find_or_create(self, use_unknowns: bool | None) -> tuple[int, bool]:
+        row = self._database.first(queries.find_knowledge_base, {"name": self.name})
+        if row is None:
+            if self._read_only:
+                raise StoreUnavailable(f"there is no knowledge base {self.name!r}, and read_only cannot create it")
+            with self._database.writing() as session:
+                session.run(queries.add_knowledge_base, {"name": self.name, "use_unknowns": bool(use_unknowns)})
+            row = self._database.first(queries.find_knowledge_base, {"name": self.name})
+        assert row is not None
+        return row[0], bool(row[1])
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the connections to the store; what is asked afterwards is `StoreUnavailable`."""
+        self._database.close()
+
+    def now(self) -> int:
+        """Now: the clock's time, or the latest recorded one if the clock is behind it (rule T3)."""
+        with self._reader.repository() as repository:
+            return self._reader.now(repository.head())
+
+    # -- writing ----------------------------------------------------------------------------------------------
+
+    def transaction(self, *, client: str = "", note: str = "", expect: int | None = None) -> OpenTransaction:
+        """A transaction: a context manager with the same writing methods, and a `state` that sees its own writes.
+
+        With `expect`, the number of the latest transaction that the caller knows of, it is a `Conflict` on entry if
+        another one has been committed since.
+        """
+        if self._read_only:
+            raise StoreUnavailable(f"{self.name} was opened with read_only=True; open it without to write")
+        if getattr(self._writing, "open", False):
+            raise Conflict("a transaction is open in this thread; write through it, or leave its block first")
+        self._writing.open = True
+        return OpenTransaction(
+            self._reader,
+            client=client,
+            note=note,
+            expect=expect,
+            validate=self._validate,
+            on_exit=self._leave_transaction,
+        )
+
+    def _leave_transaction(self) -> None:
+        self._writing.open = False
+
+    def add(self, *items: object, initial_time: object = None, client: str = "", note: str = "") -> Transaction:
+        """Add knowledge to the state: items, their PDDL text, or messages.
+
+        `initial_time` counts for items without one of their own; one after now makes timed-initial knowledge.
+        Raises `InvalidKnowledge` with all violations; nothing is stored then.
+        """
+        with self.transaction(client=client, note=note) as tx:
+            tx.add(*items, initial_time=initial_time)
+        return tx.result
+
+    def remove(self, *items: object, initial_time: object = None, client: str = "", note: str = "") -> Transaction:
+        """Remove what matches from the state (``?`` matches any object); at a later time, cancel what is scheduled."""
+        with self.transaction(client=client, note=note) as tx:
+            tx.remove(*items, initial_time=initial_time)
+        return tx.result
+
+    def add_goal(self, *goals: object, initial_time: object = None, client: str = "", note: str = "") -> Transaction:
+        """Add to the goal; a conjunction is split into its parts (rule C10)."""
+        with self.transaction(client=client, note=note) as tx:
+            tx.add_goal(*goals, initial_time=initial_time)
+        return tx.result
+
+    def remove_goal(self, *goals: object, initial_time: object = None, client: str = "", note: str = "") -> Transaction:
+        """Remove from the goal."""
+        with self.transaction(client=client, note=note) as tx:
+            tx.remove_goal(*goals, initial_time=initial_time)
+        return tx.result
+
+    def add_metric(
+        self, *metrics: object, initial_time: object = None, client: str = "", note: str = ""
+    ) -> Transaction:
+        """Set the metric, as ``minimize (total-time)``; it replaces the one that stands."""
+        with self.transaction(client=client, note=note) as tx:
+            tx.add_metric(*metrics, initial_time=initial_time)
+        return tx.result
+
+    def remove_metric(
+        self, *metrics: object, initial_time: object = None, client: str = "", note: str = ""
+    ) -> Transaction:
+        """Remove the metric; if one is given, only if it is that one."""
+        with self.transaction(client=client, note=note) as tx:
+            tx.remove_metric(*metrics, initial_time=initial_time)
+        return tx.result
+
+    def update(
+        self, updates: Iterable[tuple[UpdateType | int, object]], *, client: str = "", note: str = ""
+    ) -> Transaction:
+        """Several updates, in order, all or none."""
+        with self.transaction(client=client, note=note) as tx:
+            tx.update(updates)
+        return tx.result
+
+    def clear(self, *, client: str = "", note: str = "") -> Transaction:
+        """End everything that stands, cancel everything scheduled, abort what runs; history remains."""
+        with self.transaction(client=client, note=note) as tx:
+            tx.clear()
+        return tx.result
+
+    def load(
+        self,
+        domain: str | os.PathLike[str] | None,
+        problem: str | os.PathLike[str] | None = None,
+        *,
+        replace: bool = False,
+        client: str = "",
+        note: str = "",
+    ) -> Transaction:
+        """Load a PDDL domain, and a problem, from paths or text, in one transaction.
+
+        A problem adds to what stands; with `replace`, everything is cleared first. Its timed-initial knowledge is
+        relative to now.
+        """
+        with self.transaction(client=client, note=note) as tx:
+            tx.load(domain, problem, replace=replace)
+        return tx.result
+
+    def set_sensed(self, name: str, sensed: bool, *, client: str = "", note: str = "") -> Transaction:
+        """Mark a predicate or function as sensed, or not."""
+        with self.transaction(client=client, note=note) as tx:
+            tx.set_sensed(name, sensed)
+        return tx.result
+
+    # -- the state --------------------------------------------------------------------------------------------
+
+    def state(self, at: object = None, as_of: object = None) -> State:
+        """Everything that stood at a time; with `as_of` (a time or a `Transaction`), as it was believed then."""
+        with self._reader.repository() as repository:
+            return self._reader.state(repository, self._reader.place(repository, at, as_of), as_of)
+
+    def truth(self, question: Question, at: object = None, as_of: object = None) -> Truth:
+        """The truth value of a fact or condition at a time."""
+        return self.state(at, as_of).truth(question)
+
+    def holds(self, question: Question, at: object = None, as_of: object = None) -> bool:
+        """Whether a fact or condition is true at a time."""
+        return self.truth(question, at, as_of) is Truth.TRUE
+
+    def value(self, question: Question, at: object = None, as_of: object = None) -> float:
+        """The value of a numeric function or expression at a time.
+
+        Raises `UndefinedFunction` or `DivisionByZero` where it has none.
+        """
+        return self.state(at, as_of).value(question)
+
+    def explain(self, question: Question, at: object = None, as_of: object = None) -> Explanation:
+        """Why a fact or condition is true, false or unknown at a time, and the transaction that made it so."""
+        return self.state(at, as_of).explain(question)
+
+    def query(self, *items: Question, at: object = None) -> QueryResult:
+        """The original's query: whether each of several items is true."""
+        return self.state(at).query(*items)
+
+    def instances(
+        self,
+        type_name: str = "",
+        *,
+        include_constants: bool = False,
+        include_subtypes: bool = False,
+        at: object = None,
+    ) -> list[Instance]:
+        """The objects of a type, or all."""
+        state = self.state(at)
+        domain = state.domain
+        if domain is not None and type_name:
+            domain.type_spelling(type_name)
+        found = list(state.instances)
+        if include_constants and domain is not None:
+            found += [Instance(instance_name=name, instance_type=kind) for name, kind in domain.constants.items()]
+        if not type_name:
+            return found
+        if include_subtypes and domain is not None:
+            return [item for item in found if domain.is_subtype(item.instance_type, [type_name])]
+        return [item for item in found if key(item.instance_type) == key(type_name)]
+
+    def propositions(self, name: str = "", at: object = None) -> list[Fact]:
+        """The facts of a predicate, or all, of both signs."""
+        state = self.state(at)
+        if name and state.domain is not None:
+            state.domain.predicate(name)
+        return [fact for fact in state.facts if not name or key(fact.attribute_name) == key(name)]
+
+    def functions(self, name: str = "", at: object = None) -> list[Function]:
+        """The values of a numeric function, or of all."""
+        state = self.state(at)
+        if name and state.domain is not None:
+            state.domain.function(name)
+        return [item for item in state.functions if not name or key(item.attribute_name) == key(name)]
+
+    def timed_knowledge(self, name: str = "", at: object = None) -> list[KnowledgeItem]:
+        """What was scheduled, and takes effect after the time; of one predicate or function, or all."""
+        found = self.state(at).timed_knowledge
+        return [
+            item
+            for item in found
+            if not name or (isinstance(item, Fact | Function) and key(item.attribute_name) == key(name))
+        ]
+
+    def goals(self, at: object = None) -> list[Goal]:
+        """The parts of the goal."""
+        return self.state(at).goals
+
+    def metric(self, at: object = None) -> Expression | None:
+        """The metric."""
+        return self.state(at).metric
+
+    @property
+    def domain(self) -> Domain:
+        """The domain now. Raises `UnknownSymbol` if none has been loaded."""
+        with self._reader.repository() as repository:
+            head = repository.head()
+            domain = self._reader.vocabulary(repository, head, Moment(max(head.time, self._clock.now()))).domain
+        if domain is None:
+            raise UnknownSymbol(f"{self.name} has no domain; load one: kb.load('domain.pddl')")
+        return domain
+
+    def to_pddl(self, at: object = None, as_of: object = None, *, explicit_negatives: bool = False) -> str:
+        """The planning problem as of any moment, in PDDL (rules P2, O4)."""
+        return self.state(at, as_of).to_pddl(explicit_negatives=explicit_negatives)
+
+    def domain_to_pddl(self) -> str:
+        """The domain as it was loaded, in PDDL."""
+        return write_domain(self.domain)
+
+    def to_problem(self, at: object = None, as_of: object = None) -> Any:
+        """The planning problem as of any moment, as a `unified_planning` Problem (extra `planning`)."""
+        from kbstore.interop.unified_planning import to_problem
+
+        return to_problem(self.state(at, as_of))
+
+    # -- over time --------------------------------------------------------------------------------------------
+
+    def history(self, pattern: object, since: object = None, until: object = None) -> list[Assertion]:
+        """The assertions that match a pattern, in order of time; ``?`` matches any object (rule Q3)."""
+        return self._history.assertions(pattern, since, until)
+
+    def when(self, condition: Question, since: object, until: object) -> Intervals:
+        """The maximal half-open intervals in ``[since, until)`` in which a condition is true (rule Q4).
+
+        Raises `NotLinear` where a comparison is not linear in time within the span.
+        """
+        first, last = time(since), time(until)
+        if last < first:
+            raise InvalidTime(f"until ({isoformat(last)}) is before since ({isoformat(first)}); give them in order")
+        with self._reader.repository() as repository:
+            place = self._reader.place(repository)
+            self._reader.refuse_archived(first, place.head)
+            found: list[tuple[int, int]] = []
+            refusal: UnknownSymbol | None = None
+            answered = False
+            for start, end, domain in self._domains_over(repository, place.head, first, last):
+                vocabulary = Vocabulary(domain) if domain else Vocabulary(None, self._reader.shapes(repository))
+                course = StoredCourse(self._reader, self._history, repository, place, (start, end), domain)
+                try:
+                    found += spans.intervals(as_condition(condition, vocabulary), course)
+                    answered = True
+                except UnknownSymbol as error:
+                    refusal = refusal or error
+            if refusal is not None and not answered:
+                raise refusal
+        return merged(found)
+
+    def _domains_over(
+        self, repository: Repository, head: Head, first: int, last: int
+    ) -> Iterator[tuple[int, int, Domain | None]]:
+        """The versions of the domain in a span, each with its part of the span."""
+        versions = self._reader.versions(repository, head)
+        starts = [(0, None), *((version.time, version.domain) for version in versions)]
+        for index, (start, domain) in enumerate(starts):
+            end = starts[index + 1][0] if index + 1 < len(starts) else last
+            start, end = max(first, start), min(last, end)  # noqa: PLW2901 - clipped to the span
+            if start < end or (first == last and index + 1 == len(starts)):
+                yield start, end, domain
+
+    def diff(self, t1: object, t2: object) -> Diff:
+        """What became true, became false, was withdrawn, and which numbers changed, from `t1` to `t2` (rule Q5)."""
+        with self._reader.repository() as repository:
+            before = self._reader.state(repository, self._reader.place(repository, t1))
+            after = self._reader.state(repository, self._reader.place(repository, t2))
+        return difference(before, after)
+
+    def changes(self, after: int | Change | Transaction = 0) -> Iterator[Change]:
+        """Each transaction after one, in the order of commit, with all that it did (rule Q6)."""
+        return self._history.changes(after if isinstance(after, int) else after.number)
+
+    def watch(
+        self,
+        pattern: object = None,
+        after: int | Change | None = None,
+        *,
+        poll: float = 0.05,
+        timeout: float | None = None,
+    ) -> Iterator[Change]:
+        """The same as it happens, waiting, with what takes effect by the clock alone.
+
+        Args:
+            pattern: only changes with an assertion that matches it, and only those assertions.
+            after: a `Change`, or the number of a transaction, after which to go on; None: after the latest.
+            poll: seconds between two looks at the store.
+            timeout: seconds without a change after which the iterator ends; None: never.
+        """
+        return Watch(self._reader, self._history, pattern, poll=poll, timeout=timeout).changes(after)
+
+    # -- operators --------------------------------------------------------------------------------------------
+
+    def applicable(self, operator: str, *arguments: str, at: object = None) -> Applicability:
+        """Whether an operator can be applied at a time, and which conditions fail since when (rule O1)."""
+        return applicability(self.state(at), operator, arguments)
+
+    def apply(self, operator: str, *arguments: str, client: str = "", note: str = "") -> Transaction:
+        """Do the whole of an instantaneous action. Raises `NotApplicable` with the conditions that fail."""
+        with self.transaction(client=client, note=note) as tx:
+            tx.apply(operator, *arguments)
+        return tx.result
+
+    def start(self, operator: str, *arguments: str, duration: object = None, client: str = "", note: str = "") -> Run:
+        """Start a durative action: its at-start effects, and its continuous ones begin (rule O3).
+
+        `duration` is in nanoseconds, a `timedelta` or a duration stamp; without it the domain must fix it.
+        """
+        with self.transaction(client=client, note=note) as tx:
+            run = tx.start(operator, *arguments, duration=duration)
+        return run
+
+    def end(self, run: Run, *, client: str = "", note: str = "") -> Applicability:
+        """End a durative action: its at-end effects. Returns the at-end conditions that fail."""
+        with self.transaction(client=client, note=note) as tx:
+            ended = tx.end(run)
+        return ended
+
+    def abort(self, run: Run, *, client: str = "", note: str = "") -> Transaction:
+        """Abort a durative action: its continuous effects stop, and nothing else happens."""
+        with self.transaction(client=client, note=note) as tx:
+            tx.abort(run)
+        return tx.result
+
+    @property
+    def history_from(self) -> int:
+        """The time from which on history is here; what was before has been archived (rule Q7)."""
+        with self._reader.repository() as repository:
+            return repository.head().history_from
+
+    def _explain_state(self, state: State, question: Question) -> Explanation:
+        return self._explainer.explain(state, question)
+
+    def __repr__(self) -> str:
+        return f"<KnowledgeBase {self.name!r} in {self._database.engine.url.render_as_string(hide_password=True)}>"
+
+
+def open(  # noqa: A001 - the name that a user expects: kbstore.open
+    url: str | os.PathLike[str] | URL | Engine,
+    name: str = "default",
+    *,
+    clock: Clock | None = None,
+    use_unknowns: bool | None = None,
+    durability: str = "full",
+    validate: bool = True,
+    read_only: bool = False,
+) -> KnowledgeBase:
+    """Open a knowledge base, and create it if there is none of that name.
+
+    Args:
+        url: a SQLAlchemy URL, the path of an SQLite file, or an `Engine` of the caller's.
+        name: which world in the store: one robot, or one run.
+        clock: what tells now; the wall clock if None.
+        use_unknowns: whether absent reads as unknown (open world); set at creation and stored. None: as stored, and
+            a closed world for a new knowledge base.
+        durability: "full" keeps every acknowledged transaction through a loss of power; "normal" may lose the last.
+        validate: whether what is added must fit the domain.
+        read_only: whether writing is refused.
+
+    Raises:
+        SchemaOutOfDate, SchemaTooNew, SchemaUnknown: the database's schema is not this kbstore's.
+        StoreUnavailable: the database cannot be reached.
+        InvalidKnowledge: it was created with another `use_unknowns`.
+    """
+    database = Database(url, durability=durability, read_only=read_only)
+    try:
+        with database.translating():
+            schema.ensure(database.engine, read_only=read_only)
+        return KnowledgeBase(
+            database,
+            name,
+            clock=clock,
+            use_unknowns=use_unknowns,
+            validate=validate,
+            read_only=read_only,
+        )
+    except BaseException:
+        database.close()
+        raise
+
+
+def knowledge_bases(url: str | os.PathLike[str] | URL | Engine) -> list[str]:
+    """The names of the knowledge bases in a store."""
+    database = Database(url, read_only=True)
+    try:
+        with database.translating():
+            schema.ensure(database.engine, read_only=True)
+        with database.reading() as session:
+            return [row[0] for row in session.all(queries.knowledge_base_names, {})]
+    finally:
+        database.close()

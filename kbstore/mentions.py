@@ -1,0 +1,78 @@
+"""Which objects an assertion mentions: with any of them it ends (rule C9)."""
+
+from collections.abc import Sequence
+from functools import lru_cache
+
+from kbstore.logic import (
+    Atom,
+    Comparison,
+    Condition,
+    Defined,
+    Exists,
+    Forall,
+    Imply,
+    IsA,
+    Not,
+    Preference,
+    Same,
+    Truism,
+)
+from kbstore.messages import KnowledgeType
+from kbstore.names import key
+from kbstore.pddl.forms import parse_condition, parse_expression
+from kbstore.timelines import Role, Timeline, Value
+
+
+def mentions(timeline: Timeline, value: Value) -> Sequence[str]:
+    """The keys of the objects that an assertion mentions."""
+    match timeline.kind:
+        case KnowledgeType.FACT | KnowledgeType.FUNCTION:
+            return timeline.keys[1:]
+        case KnowledgeType.INSTANCE:
+            return ()
+        case KnowledgeType.EXPRESSION if timeline.role is Role.STATE:
+            return _in_expression(value[2])
+        case _ if timeline.role is Role.CONSTRAINT:
+            return ()
+        case _:
+            return _in_condition(timeline.spelling)
+
+
+@lru_cache(maxsize=1024)
+def _in_expression(text: str) -> Sequence[str]:
+    atoms = [token for token in parse_expression(text) if isinstance(token, Atom)]
+    return tuple({key(argument) for atom in atoms for argument in atom.arguments})
+
+
+@lru_cache(maxsize=1024)
+def _in_condition(text: str) -> Sequence[str]:
+    return tuple(sorted(objects_in(parse_condition(text))))
+
+
+def objects_in(condition: Condition) -> set[str]:
+    """The keys of the objects that a condition mentions by name."""
+    found: set[str] = set()
+    stack: list[Condition] = [condition]
+    while stack:
+        part = stack.pop()
+        match part:
+            case Atom() | Defined(Atom()):
+                atom = part if isinstance(part, Atom) else part.function
+                found.update(map(key, atom.arguments))
+            case Comparison():
+                for token in (*part.left, *part.right):
+                    if isinstance(token, Atom):
+                        found.update(map(key, token.arguments))
+            case Same():
+                found.update((key(part.left), key(part.right)))
+            case IsA():
+                found.add(key(part.name))
+            case Imply():
+                stack += (part.premise, part.conclusion)
+            case Not() | Exists() | Forall() | Preference():
+                stack.append(part.part)
+            case Truism():
+                pass
+            case _:
+                stack += part.parts
+    return {name for name in found if name and name[0] != "?"}

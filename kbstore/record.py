@@ -1,0 +1,182 @@
+"""What questions about the record answer with: transactions, assertions, changes, differences."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+from kbstore.clock import SECOND, isoformat
+from kbstore.messages import Condition, Expression, Function, Goal, KnowledgeItem, Truth, format_number
+
+
+@dataclass(frozen=True, slots=True)
+class Transaction:
+    """One atomic change: its number in the knowledge base, its time, who made it, and how many timelines changed."""
+
+    number: int
+    time: int
+    client: str = ""
+    note: str = ""
+    changes: int = 0
+
+    def __str__(self) -> str:
+        who = f" by {self.client}" if self.client else ""
+        why = f" ({self.note})" if self.note else ""
+        return f"transaction {self.number} at {isoformat(self.time)}{who}{why}"
+
+
+@dataclass(frozen=True, slots=True)
+class Assertion:
+    """One row of history: from `initial_time` until `end_time` (None while open), the item stood.
+
+    `recorded`, `ended` and `cancelled` are the transactions that did so. An end that came, or is to come, by the
+    clock (the next assertion, the end of an object) is the doing of the transaction that had scheduled it.
+    """
+
+    item: KnowledgeItem | Condition
+    initial_time: int
+    end_time: int | None
+    recorded: Transaction
+    ended: Transaction | None = None
+    cancelled: Transaction | None = None
+
+    def __str__(self) -> str:
+        end = "" if self.end_time is None else isoformat(self.end_time)
+        text = f"{self.item} [{isoformat(self.initial_time)}, {end})"
+        return f"{text} cancelled" if self.cancelled else text
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """What one transaction did; or, from `watch`, what took effect by the clock alone at `time`."""
+
+    number: int
+    transaction: Transaction
+    asserted: list[Assertion] = field(default_factory=list)
+    ended: list[Assertion] = field(default_factory=list)
+    cancelled: list[Assertion] = field(default_factory=list)
+    time: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Diff:
+    """What differs between two times (rule Q5)."""
+
+    became_true: list[KnowledgeItem] = field(default_factory=list)
+    became_false: list[KnowledgeItem] = field(default_factory=list)
+    withdrawn: list[KnowledgeItem] = field(default_factory=list)
+    numbers: list[tuple[Function, float | None, float | None]] = field(default_factory=list)
+    goals_added: list[Goal] = field(default_factory=list)
+    goals_removed: list[Goal] = field(default_factory=list)
+    metric: tuple[Expression | None, Expression | None] | None = None
+
+    def __bool__(self) -> bool:
+        return any(
+            (
+                self.became_true,
+                self.became_false,
+                self.withdrawn,
+                self.numbers,
+                self.goals_added,
+                self.goals_removed,
+                self.metric,
+            )
+        )
+
+    def __str__(self) -> str:
+        return "\n".join(self._lines()) or "no difference"
+
+    def _lines(self) -> Iterator[str]:
+        for sign, items in (
+            ("+", self.became_true),
+            ("!", self.became_false),
+            ("-", self.withdrawn),
+            ("+ goal", self.goals_added),
+            ("- goal", self.goals_removed),
+        ):
+            yield from (f"{sign} {item}" for item in items)
+        for function, before, after in self.numbers:
+            yield f"~ {function.atom} {_number(before)} -> {_number(after)}"
+        if self.metric:
+            yield f"~ metric {self.metric[0] or 'none'} -> {self.metric[1] or 'none'}"
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """A durative action that runs, or ran: `started` in nanoseconds, `duration` in nanoseconds."""
+
+    operator: str
+    arguments: tuple[str, ...]
+    started: int
+    duration: int
+    number: int = 0
+
+    @property
+    def expected_end(self) -> int:
+        """When its end is expected."""
+        return self.started + self.duration
+
+    def __str__(self) -> str:
+        action = f"({' '.join((self.operator, *self.arguments))})"
+        return f"{action} since {isoformat(self.started)} for {format_number(self.duration / SECOND)} s"
+
+
+@dataclass(frozen=True, slots=True)
+class QueryResult:
+    """The original's answer to a query: one bool for each item, and the items that are not true."""
+
+    all_true: bool
+    results: list[bool]
+    false_knowledge: list[KnowledgeItem | Condition]
+
+    def __bool__(self) -> bool:
+        return self.all_true
+
+
+@dataclass(frozen=True, slots=True)
+class FailingCondition:
+    """A condition of an operator that does not hold, and since when (None: it never held, or nothing was said)."""
+
+    condition: str
+    since: int | None
+    truth: Truth
+
+    def __str__(self) -> str:
+        since = "" if self.since is None else f" since {isoformat(self.since)}"
+        return f"{self.condition} is {self.truth}{since}"
+
+
+@dataclass(frozen=True, slots=True)
+class Applicability:
+    """Whether an operator can be applied; true or false as such, and the conditions that fail."""
+
+    failing: list[FailingCondition]
+
+    def __bool__(self) -> bool:
+        return not self.failing
+
+
+@dataclass(frozen=True, slots=True)
+class Explanation:
+    """Why a fact or a condition is true, false or unknown.
+
+    `reason` is one of: asserted, explicitly false, never told, removed, expired with its instance, undefined
+    function, or, of a condition, what its deciding `parts` come to. `transaction` made it so, at `since`.
+    """
+
+    subject: str
+    truth: Truth
+    reason: str
+    since: int | None = None
+    transaction: Transaction | None = None
+    parts: tuple["Explanation", ...] = ()
+
+    def __str__(self) -> str:
+        text = f"{self.subject} is {self.truth}: {self.reason}"
+        if self.since is not None:
+            text += f" since {isoformat(self.since)}"
+        if self.transaction is not None:
+            text += f", {self.transaction}"
+        return "\n  ".join((text, *("\n  ".join(str(part).split("\n")) for part in self.parts)))
+
+
+def _number(value: float | None) -> str:
+    return "undefined" if value is None else format_number(value)

@@ -1,0 +1,87 @@
+"""Variables of a formula, and the objects that stand in their places."""
+
+from collections.abc import Mapping
+
+from kbstore.logic import (
+    And,
+    Atom,
+    Comparison,
+    Condition,
+    Defined,
+    Exists,
+    Expression,
+    Forall,
+    Imply,
+    IsA,
+    Not,
+    Or,
+    Preference,
+    Same,
+    Truism,
+)
+from kbstore.names import is_wildcard, key
+
+Bindings = Mapping[str, str]
+"""The object of each variable, both as keys; variables without their question mark."""
+
+Pattern = tuple[str | None, ...]
+"""Arguments as keys; None stands for any object (rule V7)."""
+
+
+def keyed(bindings: Bindings) -> dict[str, str]:
+    """Bindings as given by a caller, in the form of keys."""
+    return {key(variable.removeprefix("?")): key(name) for variable, name in bindings.items()}
+
+
+def term(argument: str, bindings: Bindings) -> str | None:
+    """The object that an argument stands for, as a key; None if it is a wildcard or a variable without a binding."""
+    return bindings.get(key(argument[1:])) if is_wildcard(argument) else key(argument)
+
+
+def pattern(atom: Atom, bindings: Bindings) -> Pattern:
+    """The arguments of an atom as keys, with None for those that match any object."""
+    return tuple(term(argument, bindings) for argument in atom.arguments)
+
+
+def instantiated(condition: Condition, bindings: Bindings) -> Condition:
+    """The condition with objects for its free variables; what a quantifier binds itself is left alone."""
+    if not bindings:
+        return condition
+    match condition:
+        case Atom():
+            return instantiated_atom(condition, bindings)
+        case Not(part):
+            return Not(instantiated(part, bindings))
+        case And(parts) | Or(parts):
+            return type(condition)(tuple([instantiated(part, bindings) for part in parts]))
+        case Imply(premise, conclusion):
+            return Imply(instantiated(premise, bindings), instantiated(conclusion, bindings))
+        case Exists(parameters, part) | Forall(parameters, part):
+            own = {key(p.name) for p in parameters}
+            free = {variable: name for variable, name in bindings.items() if variable not in own}
+            return type(condition)(parameters, instantiated(part, free))
+        case Same(left, right):
+            return Same(_argument(left, bindings), _argument(right, bindings))
+        case Comparison(comparison, left_side, right_side):
+            return Comparison(comparison, _expression(left_side, bindings), _expression(right_side, bindings))
+        case Defined(function):
+            return Defined(instantiated_atom(function, bindings))
+        case IsA(name, type_name):
+            return IsA(_argument(name, bindings), type_name)
+        case Preference(name, part):
+            return Preference(name, instantiated(part, bindings))
+        case Truism():
+            return condition
+
+
+def _argument(argument: str, bindings: Bindings) -> str:
+    return (term(argument, bindings) or argument) if is_wildcard(argument) else argument
+
+
+def instantiated_atom(atom: Atom, bindings: Bindings) -> Atom:
+    """The atom with objects for its variables; names stay as they are written."""
+    return Atom(atom.name, tuple([_argument(argument, bindings) for argument in atom.arguments]))
+
+
+def _expression(expression: Expression, bindings: Bindings) -> Expression:
+    return tuple([instantiated_atom(token, bindings) if isinstance(token, Atom) else token for token in expression])
