@@ -7,7 +7,6 @@ Each part of the condition becomes a track of its truth over time; tracks are co
 from collections.abc import Iterator, Mapping, Sequence
 
 from kbstore import tracks
-from kbstore.courses import RememberedCourse, Snapshot
 from kbstore.evaluation import Evaluation
 from kbstore.interpretation import Arguments, Course, Interpretation
 from kbstore.intervals import Intervals
@@ -33,6 +32,7 @@ from kbstore.logic import (
 from kbstore.messages.enums import Truth
 from kbstore.names import is_wildcard, key
 from kbstore.rules import program, walk
+from kbstore.snapshots import RememberedCourse, Snapshot
 from kbstore.substitution import Bindings, Pattern, keyed, pattern, term
 from kbstore.tracks import Track
 from kbstore.wellformed import check
