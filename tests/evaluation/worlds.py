@@ -33,7 +33,7 @@ def signature(text: str) -> Signature:
     """A signature from ``"robot_at r:robot wp:waypoint"``; several types are ``"r:robot|truck"``."""
     name, *parameters = text.split()
     return Signature(
-        name, tuple(Parameter(p.split(":")[0], tuple((p.split(":") + ["object"])[1].split("|"))) for p in parameters)
+        name, tuple(Parameter(p.split(":")[0], tuple([*p.split(":"), "object"][1].split("|"))) for p in parameters)
     )
 
 
