@@ -7,6 +7,7 @@ Each part of the condition becomes a track of its truth over time; tracks are co
 from collections.abc import Iterator, Mapping, Sequence
 
 from kbstore import tracks
+from kbstore.course_views import CourseAt, RememberedCourse
 from kbstore.evaluation import Evaluation
 from kbstore.interpretation import Arguments, Course, Interpretation
 from kbstore.intervals import Intervals
@@ -32,7 +33,6 @@ from kbstore.logic import (
 from kbstore.messages.enums import Truth
 from kbstore.names import is_wildcard, key
 from kbstore.rules import program, walk
-from kbstore.snapshots import RememberedCourse, Snapshot
 from kbstore.substitution import Bindings, Pattern, keyed, pattern, term
 from kbstore.tracks import Track
 from kbstore.wellformed import check
@@ -67,7 +67,7 @@ def truths(
 
 def moment(course: Course, t: int) -> Interpretation:
     """How things stand at one time of the course's span."""
-    return Snapshot(course, t)
+    return CourseAt(course, t)
 
 
 class Tracks:
@@ -165,7 +165,7 @@ class Tracks:
             rows: dict[Arguments, Track] = {}
             before: dict[Arguments, Truth] = {}
             for t in sorted(self._turning_points(name)):
-                certain, possible = Evaluation(Snapshot(self._course, t)).derived.relations(name)
+                certain, possible = Evaluation(CourseAt(self._course, t)).derived.relations(name)
                 now = dict.fromkeys(possible, Truth.UNKNOWN) | dict.fromkeys(certain, Truth.TRUE)
                 for row in before.keys() | now.keys():
                     truth = now.get(row, Truth.FALSE)

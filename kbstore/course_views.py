@@ -1,4 +1,4 @@
-"""The course of things, read once and remembered, and how it stands at one moment of its span."""
+"""Two views of a course: read once and remembered, and as it stands at one moment of its span."""
 
 from bisect import bisect_right
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
@@ -50,7 +50,7 @@ class RememberedCourse:
         return _remembered(self._existence, name, lambda: self._course.existence(name))
 
 
-class Snapshot:
+class CourseAt:
     """How a course stands at one time of its span (an `Interpretation`)."""
 
     def __init__(self, course: Course, time: int) -> None:
