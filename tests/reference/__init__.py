@@ -13,8 +13,10 @@ from tests.reference.items import (
     Metric,
     Number,
     Object,
+    RefAction,
     RefDomain,
     Signature,
+    Start,
     Timeline,
 )
 from tests.reference.memory import Answer, Change, Difference, Reference
@@ -31,10 +33,12 @@ __all__ = [
     "Metric",
     "Number",
     "Object",
+    "RefAction",
     "RefDomain",
     "Reference",
     "Refused",
     "Signature",
+    "Start",
     "Timeline",
     "Unsettled",
     "Update",

@@ -141,13 +141,6 @@ def timeline(role: str, item: Item) -> Timeline:
     return (role, item.kind, *item.identity)
 
 
-def same(one: Item, one_start: int, other: Item, other_start: int, t: int) -> bool:
-    """Whether two items of one timeline say the same at t (rule C2)."""
-    if isinstance(one, Number) and isinstance(other, Number):
-        return one.at(one_start, t) == other.at(other_start, t) and one.rate == other.rate
-    return one == other
-
-
 def matches(pattern: Item, item: Item) -> bool:
     """Whether a removal's pattern matches an item of the same kind (rules V7, C4)."""
     if isinstance(pattern, Object) and isinstance(item, Object):
@@ -188,3 +181,38 @@ class RefDomain:
 
     def knows_type(self, type_name: str) -> bool:
         return type_name == ROOT or type_name in self.types
+
+
+@dataclass(frozen=True)
+class RefAction:
+    """A durative action. Its formulas have the places of its parameters ("0", "1") where arguments go.
+
+    A negative fact among the effects is a delete. `rates` are its contributions per second, while it runs, to
+    functions.
+    """
+
+    name: str
+    types: tuple[str, ...]
+    needs: tuple[Fact, ...] = ()
+    invariants: tuple[Fact, ...] = ()
+    at_start: tuple[Fact, ...] = ()
+    at_end: tuple[Fact, ...] = ()
+    numbers_at_end: tuple[Number, ...] = ()
+    rates: tuple[tuple[Term, float], ...] = ()
+
+
+@dataclass(frozen=True)
+class Start:
+    """The start of an action with its arguments and duration in nanoseconds."""
+
+    action: RefAction
+    arguments: tuple[str, ...]
+    duration: int = 0
+
+    def ground(self, places: tuple[str, ...]) -> tuple[str, ...]:
+        """The arguments that belong to some places."""
+        return tuple(self.arguments[int(place)] for place in places)
+
+    def facts(self, facts: tuple[Fact, ...]) -> list[Fact]:
+        """Some facts of the action with the arguments in their places."""
+        return [replace(fact, arguments=self.ground(fact.arguments)) for fact in facts]

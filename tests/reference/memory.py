@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 from tests.reference.items import WILDCARD, Fact, Item, Number, Object, matches, timeline
-from tests.reference.overlay import FOREVER, Overlay, Refused, Update
+from tests.reference.overlay import FOREVER, Overlay, Refused, Unsettled, Update
 from tests.reference.world import Told, World
 
 TOLERANCE = 1_000_000_000
@@ -34,6 +34,7 @@ class Answer:
     metric: Placed | None
     goals: frozenset[Placed]
     timed_knowledge: frozenset[Placed]
+    running: frozenset[tuple[str, tuple[str, ...], int, int]] = frozenset()
 
 
 @dataclass(frozen=True)
@@ -66,8 +67,9 @@ class Change:
 class Reference:
     """A knowledge base that remembers only its transactions."""
 
-    def __init__(self) -> None:
+    def __init__(self, use_unknowns: bool = False) -> None:
         self.events: list[Event] = []
+        self.use_unknowns = use_unknowns
 
     @property
     def latest(self) -> Event:
@@ -99,7 +101,7 @@ class Reference:
 
     def world(self, until: int = FOREVER, number: int = FOREVER) -> World:
         """What is believed after the transactions up to a time and a number, replayed from the first."""
-        world = World()
+        world = World(use_unknowns=self.use_unknowns)
         for event in self.events:
             if event.time <= until and event.number <= number:
                 overlay = Overlay(world, event.time)
@@ -110,12 +112,18 @@ class Reference:
 
     # -- questions --------------------------------------------------------------------------------------------
 
-    def state(self, at: int, as_of: int = FOREVER, number: int = FOREVER) -> Answer:
+    def state(self, at: int, as_of: int = FOREVER, number: int = FOREVER, clock: int = 0) -> Answer:
         """The state at a time, as believed at the time `as_of`, or after the transaction `number` (rules Q1, Q2).
 
-        Nothing that is recorded after `at` can bear on it (rule T5), so that it need not be replayed.
+        Nothing that is recorded after `at` can bear on it (rule T5), so that it need not be replayed. What runs is
+        expected to end as it was meant to, if that lies after the time of asking (rule O3).
         """
-        return answer(self.world(min(at, as_of), number), at)
+        asked = min(as_of, self.now(clock))
+        if number <= self.latest.number:
+            asked = self.events[number - 1].time
+        world = self.world(min(at, as_of), number)
+        expect(world, at, asked)
+        return answer(world, at)
 
     def history(self) -> list[Row]:
         """Every assertion about the state and the goals, in the order of its time, then of its recording (rule Q3)."""
@@ -203,13 +211,35 @@ class Reference:
         return ("expired with its instance" if last.end_cause == "object" else "removed"), last.ended_by
 
 
+def expect(world: World, at: int, asked: int) -> None:
+    """Let time pass until `at`, with the ends of running actions that are expected after the time of asking."""
+    while True:
+        ends = [run for run in world.running if asked < run.expected_end <= at]
+        if not ends:
+            break
+        moment = min(run.expected_end for run in ends)
+        if any(start == moment for _, start in world.pending):
+            raise Unsettled("something is scheduled for the very time of an expected end")
+        world.advance(moment)
+        due = [run for run in ends if run.expected_end == moment and run.ended is None]
+        if len(due) > 1:
+            raise Unsettled("two actions are expected to end at one time")
+        for run in due:
+            overlay = Overlay(world, moment)
+            overlay.apply(Update("end", run.start))
+            overlay.refuse()
+            overlay.finish(0)
+        asked = moment
+    world.advance(at)
+
+
 def answer(world: World, at: int) -> Answer:
     """What a world says at a time: what stands then, and what is scheduled after it."""
     world.advance(at)
 
     def standing(role: str, *kinds: str) -> frozenset[Placed]:
         return frozenset(
-            (_valued(told, at), told.start)
+            (_valued(world, told, at), told.start)
             for line, told in world.standing.items()
             if line[0] == role and (not kinds or line[1] in kinds)
         )
@@ -228,12 +258,15 @@ def answer(world: World, at: int) -> Answer:
         timed_knowledge=frozenset(
             (told.item, start) for (line, start), told in world.pending.items() if line[0] == "state"
         ),
+        running=frozenset(
+            (run.start.action.name, run.start.arguments, run.started, run.start.duration) for run in world.running
+        ),
     )
 
 
-def _valued(told: Told, at: int) -> Item:
+def _valued(world: World, told: Told, at: int) -> Item:
     if isinstance(told.item, Number):
-        return replace(told.item, value=told.item.at(told.start, at))
+        return replace(told.item, value=world.value(told.item, told.start, at))
     return told.item
 
 

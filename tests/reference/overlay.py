@@ -16,12 +16,12 @@ from tests.reference.items import (
     Object,
     RefDomain,
     Signature,
+    Start,
     Timeline,
     matches,
-    same,
     timeline,
 )
-from tests.reference.world import Told, World
+from tests.reference.world import Running, Told, World
 
 FOREVER = 2**63 - 1
 Spans = list[tuple[int, int]]
@@ -41,10 +41,13 @@ class Unsettled(Exception):
 
 @dataclass(frozen=True)
 class Update:
-    """One update: `what` is add, remove, add_goal, remove_goal, add_metric, remove_metric, clear or domain."""
+    """One update.
+
+    `what` is add, remove, add_goal, remove_goal, add_metric, remove_metric, clear, domain, start, end or abort.
+    """
 
     what: str
-    item: Item | RefDomain | None = None
+    item: Item | RefDomain | Start | None = None
     at: int = 0
 
 
@@ -60,6 +63,7 @@ class Overlay:
             line: (told.item, told.start) for line, told in world.standing.items()
         }
         self.pending: dict[tuple[Timeline, int], Item] = {key: told.item for key, told in world.pending.items()}
+        self.running: list[Running] = world.running
         self.causes: dict[Timeline, str] = {}
         self.violations: list[str] = []
         self.failures: list[Refused] = []
@@ -69,26 +73,28 @@ class Overlay:
     def apply(self, update: Update) -> None:
         """Make one update; what is wrong with it is remembered, so that all violations are found."""
         at = update.at if update.at > self.now else self.now
-        match update.what:
-            case "clear":
+        match update.what, update.item:
+            case "clear", None:
                 self.causes.update(dict.fromkeys(self.standing, "cleared"))
                 self.standing.clear()
                 self.pending.clear()
-            case "domain":
-                assert isinstance(update.item, RefDomain)
-                self._load(update.item)
-            case "add" | "add_metric":
-                assert not isinstance(update.item, RefDomain | None)
-                self._add("state", update.item, at)
-            case "add_goal":
-                assert not isinstance(update.item, RefDomain | None)
-                self._add("goal", update.item, at)
-            case "remove" | "remove_metric":
-                assert not isinstance(update.item, RefDomain | None)
-                self._remove("state", update.item, at)
-            case "remove_goal":
-                assert not isinstance(update.item, RefDomain | None)
-                self._remove("goal", update.item, at)
+                self.running = []
+            case "domain", RefDomain() as domain:
+                self._load(domain)
+            case "start", Start() as start:
+                self._start(start)
+            case (("end" | "abort"), Start() as start):
+                self._stop(start, with_effects=update.what == "end")
+            case (("add" | "add_metric"), (Object() | Fact() | Number() | Metric() | Comparison()) as item):
+                self._add("state", item, at)
+            case "add_goal", (Fact() | Comparison() | Condition()) as item:
+                self._add("goal", item, at)
+            case (("remove" | "remove_metric"), (Object() | Fact() | Number() | Metric() | Comparison()) as item):
+                self._remove("state", item, at)
+            case "remove_goal", (Fact() | Comparison() | Condition()) as item:
+                self._remove("goal", item, at)
+            case _:
+                raise AssertionError(update)
 
     def _add(self, role: str, item: Item, at: int) -> None:
         if isinstance(item, Object) and not item.positive and at == self.now:
@@ -115,7 +121,7 @@ class Overlay:
             return None
         number, start = standing
         assert isinstance(number, Number)
-        value, rate, amount = number.at(start, self.now), number.rate, item.value
+        value, rate, amount = self.world.value(number, start, self.now), number.rate, item.value
         match item.operation:
             case "increase":
                 value += amount
@@ -146,7 +152,7 @@ class Overlay:
         elif item is None:
             self.standing.pop(line, None)
             self.causes[line] = cause
-        elif not (line in self.standing and same(*self.standing[line], item, at, at)):
+        elif not (line in self.standing and self.world.same(*self.standing[line], item, at, at)):
             self.standing[line] = (item, at)
         if line[1] == "object":
             self._lose(str(line[2]), _minus(before, self._lifetimes(line[2])))
@@ -160,6 +166,7 @@ class Overlay:
                 for line in [line for line, (item, _) in self.standing.items() if name in item.mentions]:
                     del self.standing[line]
                     self.causes[line] = "object"
+                self.running = [run for run in self.running if name not in run.start.arguments]
             for line, at in [key for key, item in self.pending.items() if name in item.mentions]:
                 if first <= at < last:
                     del self.pending[line, at]
@@ -186,6 +193,56 @@ class Overlay:
         self._put(line, None, at)
         if line[1] == "object" and self._types_meet(str(line[2])):
             self.violations.append(f"cancelling {kept} lets two types meet")
+
+    # -- running actions (rules O1 to O3) ---------------------------------------------------------------------
+
+    def _start(self, start: Start) -> None:
+        for argument, wanted in zip(start.arguments, start.action.types, strict=True):
+            found = self._type_at(argument, self.now)
+            assert self.domain
+            if found is None or not self.domain.is_a(found, wanted):
+                self.violations.append(f"{argument} is {found}, not {wanted}")
+                return
+        again = any((run.start.action, run.start.arguments) == (start.action, start.arguments) for run in self.running)
+        if again or not all(map(self._holds, start.facts(start.action.needs))):
+            self.failures.append(Refused("NotApplicable", str(start)))
+            return
+        if any(
+            timeline("state", Number(name, start.ground(places))) not in self.standing
+            for (name, places), _ in start.action.rates
+        ):
+            raise Unsettled("a continuous effect on an undefined function")
+        self._affect(start.facts(start.action.at_start), [])
+        if not all(map(self._holds, start.facts(start.action.invariants))):
+            self.failures.append(Refused("NotApplicable", str(start)))
+            return
+        self.running = [*self.running, Running(start, self.now)]
+
+    def _stop(self, start: Start, with_effects: bool) -> None:
+        found = [run for run in self.running if run.start == start]
+        if not found:
+            self.failures.append(Refused("NotApplicable", str(start)))
+            return
+        self.running = [run for run in self.running if run not in found]
+        if with_effects:
+            numbers = [replace(n, arguments=start.ground(n.arguments)) for n in start.action.numbers_at_end]
+            self._affect(start.facts(start.action.at_end), numbers)
+
+    def _affect(self, facts: list[Fact], numbers: list[Number]) -> None:
+        """Deletes come before adds, then the numeric assignments (rule O2)."""
+        for fact in facts:
+            if not fact.positive and self.world.use_unknowns:
+                self._add("state", fact, self.now)
+            elif not fact.positive:
+                self._remove("state", replace(fact, positive=True), self.now)
+        for item in [*(fact for fact in facts if fact.positive), *numbers]:
+            self._add("state", item, self.now)
+
+    def _holds(self, wanted: Fact) -> bool:
+        standing = self.standing.get(timeline("state", wanted))
+        if standing is None:
+            return not wanted.positive and not self.world.use_unknowns
+        return standing[0] == wanted
 
     # -- what is valid ----------------------------------------------------------------------------------------
 
@@ -345,12 +402,15 @@ class Overlay:
             raise self.failures[0]
 
     def finish(self, number: int) -> int:
-        """Record what has changed; returns how many timelines that are (and 1 more for another domain)."""
+        """Record what has changed; returns how many timelines that are.
+
+        Another domain counts as one more, and so does what runs.
+        """
         changed = set[Timeline]()
         world = self.world
         for line in dict.fromkeys([*world.standing, *self.standing]):
             before, after = world.standing.get(line), self.standing.get(line)
-            if before and after and same(before.item, before.start, *after, self.now):
+            if before and after and world.same(before.item, before.start, *after, self.now):
                 continue
             changed.add(line)
             if before:
@@ -361,7 +421,7 @@ class Overlay:
                 world.standing[line] = self._told(line, after[0], self.now, number)
         for line, at in dict.fromkeys([*world.pending, *self.pending]):
             scheduled, wanted = world.pending.get((line, at)), self.pending.get((line, at))
-            if scheduled and wanted and same(scheduled.item, at, wanted, at, at):
+            if scheduled and wanted and world.same(scheduled.item, at, wanted, at, at):
                 continue
             changed.add(line)
             if scheduled:
@@ -369,9 +429,14 @@ class Overlay:
                 del world.pending[line, at]
             if wanted:
                 world.pending[line, at] = self._told(line, wanted, at, number)
+        running = world.running
+        for run in running:
+            if run not in self.running:
+                run.ended = self.now
+        world.runs += [run for run in self.running if run not in running]
         reloaded = self.domain != world.domain
         world.domain = self.domain
-        return len(changed) + reloaded
+        return len(changed) + reloaded + (running != self.running)
 
     def _told(self, line: Timeline, item: Item, start: int, number: int) -> Told:
         told = Told(line, item, start, number)

@@ -2,7 +2,20 @@
 
 import pytest
 
-from tests.reference import Comparison, Fact, Metric, Number, Object, RefDomain, Reference, Refused, Unsettled, Update
+from tests.reference import (
+    Comparison,
+    Fact,
+    Metric,
+    Number,
+    Object,
+    RefAction,
+    RefDomain,
+    Reference,
+    Refused,
+    Start,
+    Unsettled,
+    Update,
+)
 
 DOMAIN = RefDomain(
     "rooms",
@@ -225,3 +238,48 @@ def test_what_no_rule_decides_is_not_expected(kb):
     """The reference says so instead of guessing: here, the scheduled end of what does not exist."""
     with pytest.raises(Unsettled):
         kb.write(30, [add(Object("b", "place", positive=False), at=50)])
+
+
+DRIVE = RefAction(
+    "drive",
+    ("robot",),
+    needs=(LIT,),
+    at_start=(Fact("lit", positive=False),),
+    at_end=(LIT,),
+    numbers_at_end=(Number("cost", (), 1.0, operation="increase"),),
+    rates=((("load", ("0",)), -2.0),),
+)
+START = Start(DRIVE, ("r",), 10 * S)
+
+
+def test_what_runs_moves_its_functions_until_it_ends(kb):
+    """O3: contributions begin and end with the action; the expected end is reckoned, and never becomes the past."""
+    kb.write(1 * S, [add(LIT), add(Number("load", ("r",), 80.0)), add(Number("cost", (), 0.0))])
+    kb.write(2 * S, [Update("start", START)])
+
+    def load(at, clock=2 * S):
+        return [item.value for item, _ in kb.state(at * S, clock=clock).functions if item.name == "load"]
+
+    assert [load(at) for at in (1, 2, 3, 12, 20)] == [[80.0], [80.0], [78.0], [60.0], [60.0]]
+    assert LIT in {item for item, _ in kb.state(12 * S).facts}
+    assert load(20, clock=15 * S) == [44.0]
+    assert LIT not in {item for item, _ in kb.state(15 * S, clock=15 * S).facts}
+    kb.write(16 * S, [Update("end", START)])
+    assert load(20, clock=20 * S) == [52.0]
+    assert load(20, clock=20 * S) == [item.value for item, _ in kb.state(17 * S).functions if item.name == "load"]
+    with pytest.raises(Refused, match="NotApplicable"):
+        kb.write(17 * S, [Update("end", START)])
+
+
+def test_what_runs_is_aborted_with_its_object(kb):
+    """O3, C12: at its end, whether scheduled or told."""
+    kb.write(1 * S, [add(LIT), add(Number("load", ("r",), 80.0)), add(Number("cost", (), 0.0))])
+    kb.write(2 * S, [Update("start", START)])
+    kb.write(3 * S, [add(Object("r", "robot", positive=False), at=5 * S)])
+    assert kb.state(5 * S - 1).running == {("drive", ("r",), 2 * S, 10 * S)}
+    assert kb.state(20 * S).running == set()
+    assert LIT not in {item for item, _ in kb.state(20 * S).facts}
+    assert kb.state(20 * S, as_of=2 * S).running == set()
+    assert LIT in {item for item, _ in kb.state(20 * S, as_of=2 * S).facts}
+    kb.write(4 * S, [remove(R)])
+    assert kb.state(4 * S).running == set()

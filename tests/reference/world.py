@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 
-from tests.reference.items import Item, Object, RefDomain, Timeline
+from tests.reference.items import SECOND, Item, Number, Object, RefDomain, Start, Term, Timeline
 
 
 @dataclass(eq=False)
@@ -19,14 +19,55 @@ class Told:
     cancelled_by: int | None = None
 
 
+@dataclass(eq=False)
+class Running:
+    """A durative action that runs, or ran until `ended`."""
+
+    start: Start
+    started: int
+    ended: int | None = None
+
+    @property
+    def expected_end(self) -> int:
+        return self.started + self.start.duration
+
+    def moved(self, term: Term, since: int, until: int) -> float:
+        """What the action adds to a function from one time to another (rule O3)."""
+        first = max(since, self.started)
+        last = until if self.ended is None else min(until, self.ended)
+        rates = [rate for (name, places), rate in self.start.action.rates if (name, self.start.ground(places)) == term]
+        return sum(rates) * max(0, last - first) / SECOND
+
+
 @dataclass
 class World:
-    """What stands and what is scheduled; `told` remembers every assertion in the order of recording."""
+    """What stands and what is scheduled; `told` remembers every assertion in the order of recording.
+
+    `runs` are the actions that run or ran.
+    """
 
     told: list[Told] = field(default_factory=list)
     standing: dict[Timeline, Told] = field(default_factory=dict)
     pending: dict[tuple[Timeline, int], Told] = field(default_factory=dict)
+    runs: list[Running] = field(default_factory=list)
     domain: RefDomain | None = None
+    use_unknowns: bool = False
+
+    @property
+    def running(self) -> list[Running]:
+        """The actions that run."""
+        return [run for run in self.runs if run.ended is None]
+
+    def value(self, number: Number, start: int, t: int) -> float:
+        """The value at t of a function that was told at `start`, with what running actions add (rules C7, O3)."""
+        return number.at(start, t) + sum(run.moved((number.name, number.arguments), start, t) for run in self.runs)
+
+    def same(self, one: Item, one_start: int, other: Item, other_start: int, t: int) -> bool:
+        """Whether two items of one timeline say the same at t (rule C2)."""
+        if isinstance(one, Number) and isinstance(other, Number):
+            values = self.value(one, one_start, t), self.value(other, other_start, t)
+            return values[0] == values[1] and one.rate == other.rate
+        return one == other
 
     def advance(self, t: int) -> None:
         """Let everything that is scheduled up to t take effect, in order of time."""
@@ -61,3 +102,6 @@ class World:
         for told in [told for told in self.standing.values() if ending.item.name in told.item.mentions]:
             del self.standing[told.timeline]
             told.end, told.ended_by, told.end_cause = ending.start, ending.recorded, "object"
+        for run in self.running:
+            if ending.item.name in run.start.arguments:
+                run.ended = ending.start
