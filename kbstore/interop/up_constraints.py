@@ -1,0 +1,83 @@
+"""Constraints on a plan's course (PDDL 3.0) as the trajectory constraints of unified_planning."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, Union
+
+from kbstore.domain import Domain
+from kbstore.errors import InvalidKnowledge
+from kbstore.interop.up_formulas import NOTHING, Formulas, Scope
+from kbstore.interop.up_symbols import quantified
+from kbstore.logic import Condition, Parameter
+from kbstore.pddl.conditions import ConditionReader
+from kbstore.pddl.context import NO_VARIABLES, Context, Variables
+from kbstore.pddl.sexpr import Group, Source, node_text
+from kbstore.pddl.typed_lists import bound
+
+_MAKERS = {
+    "always": ("Always", 1),
+    "sometime": ("Sometime", 1),
+    "at-most-once": ("AtMostOnce", 1),
+    "sometime-before": ("SometimeBefore", 2),
+    "sometime-after": ("SometimeAfter", 2),
+}
+"""The words that unified_planning has, its names for them, and how many conditions they take."""
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """A constraint: ``and``, ``forall``, or one of the words with its conditions."""
+
+    word: str
+    parts: tuple[Union[Condition, "Trajectory"], ...]
+    parameters: tuple[Parameter, ...] = ()
+
+
+def read_constraint(text: str, domain: Domain) -> Trajectory:
+    """The constraint that a text says. Raises `InvalidKnowledge` for one that unified_planning has no word for."""
+    source = Source(text)
+    reader = ConditionReader(Context(source, domain))
+    top = source.read()
+    return _read(reader, top[0] if len(top) == 1 and isinstance(top[0], Group) else top, NO_VARIABLES)
+
+
+def _read(reader: ConditionReader, group: Group, variables: Variables) -> Trajectory:
+    word = group.word(0)
+    parts = [part for part in group[1:] if isinstance(part, Group)]
+    if word == "and":
+        return Trajectory(word, tuple(_read(reader, part, variables) for part in parts))
+    if word == "forall":
+        parameters, part = reader.quantified(group)
+        return Trajectory(word, (_read(reader, part, bound(variables, parameters)),), parameters)
+    if word not in _MAKERS or len(parts) != _MAKERS[word][1]:
+        raise InvalidKnowledge(
+            f"{node_text(group, 60)} has no counterpart in unified_planning; it has {', '.join(_MAKERS)}"
+        )
+    return Trajectory(word, tuple(reader.read(part, variables) for part in parts))
+
+
+def translated(constraint: Trajectory, formulas: Formulas, scope: Scope = NOTHING) -> Any:
+    """The constraint as an expression of unified_planning."""
+    make = formulas.symbols.environment.expression_manager
+    if constraint.word in _MAKERS:
+        name, _ = _MAKERS[constraint.word]
+        conditions = [part for part in constraint.parts if not isinstance(part, Trajectory)]
+        return getattr(make, name)(*(formulas.condition(condition, scope) for condition in conditions))
+    each = list(formulas.bound(constraint.parameters, scope)) if constraint.word == "forall" else [([], scope)]
+    parts = [part for part in constraint.parts if isinstance(part, Trajectory)]
+    return make.And(
+        *(
+            make.Forall(translated(part, formulas, inner), *variables)
+            if variables
+            else translated(part, formulas, inner)
+            for variables, inner in each
+            for part in parts
+        )
+    )
+
+
+def types_of(constraint: Trajectory) -> Iterator[str]:
+    """The types that a constraint's quantifiers range over."""
+    yield from (type_name for parameter in constraint.parameters for type_name in parameter.types)
+    for part in constraint.parts:
+        yield from types_of(part) if isinstance(part, Trajectory) else quantified(part)

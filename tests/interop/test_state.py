@@ -1,0 +1,154 @@
+"""Timed knowledge, goals, metric and constraints of a unified_planning problem."""
+
+from fractions import Fraction
+
+import pytest
+from unified_planning.shortcuts import (
+    GT,
+    Always,
+    Equals,
+    Exists,
+    Forall,
+    GlobalStartTiming,
+    MaximizeExpressionOnFinalState,
+    MinimizeExpressionOnFinalState,
+    MinimizeMakespan,
+    Not,
+    Or,
+    Plus,
+    Sometime,
+    SometimeBefore,
+    Variable,
+)
+
+from kbstore.errors import InvalidKnowledge
+from kbstore.interop.unified_planning import to_problem
+from kbstore.messages import Condition, Expression, Function, Instance
+from tests.interop.states import state
+
+
+def test_timed_knowledge_is_relative_to_the_state():
+    """P3's counterpart: what is scheduled becomes timed effects, at its time less the state's."""
+    problem = to_problem(state(timed={12.5: "(open)", 60: "(not (open))", 13: "(= (speed) 0.5)"}, at=10))
+    effects = {timing: effect for timing, (effect,) in problem.timed_effects.items()}
+    assert set(effects) == {GlobalStartTiming(Fraction(5, 2)), GlobalStartTiming(50), GlobalStartTiming(3)}
+    assert effects[GlobalStartTiming(Fraction(5, 2))].value.is_true()
+    assert effects[GlobalStartTiming(50)].value.is_false()
+    assert effects[GlobalStartTiming(3)].value.constant_value() == Fraction(1, 2)
+
+
+def test_what_runs_brings_its_end_effects():
+    """O4: the end effects of what runs are timed effects at the expected end."""
+    run = "(go kenny wp0 wp1)"
+    problem = to_problem(state(ends=[(40, "(at kenny wp1)", run), (40, "(not (open))", run)], at=10))
+    ((timing, effects),) = problem.timed_effects.items()
+    assert timing == GlobalStartTiming(30)
+    assert [str(effect) for effect in effects] == ["At(kenny, wp1) := true", "open := false"]
+
+
+def test_goals_of_every_form():
+    """C10: facts, negative facts, comparisons, and what is kept as a condition in PDDL."""
+    goals = ["(visited wp0)", "(not (OPEN))", "(> (battery kenny) (+ (speed) 1))"]
+    kept = "(or (open) (exists (?p - place) (at kenny ?p)))"
+    problem = to_problem(state(goals=[*goals, Condition(text=kept)]))
+    fluent, kenny = problem.fluent, problem.object("kenny")
+    p = Variable("p", problem.user_type("place"))
+    assert problem.goals == [
+        fluent("visited")(problem.object("wp0")),
+        Not(fluent("open")),
+        GT(fluent("battery")(kenny), Plus(fluent("speed"), 1)),
+        Or(fluent("open"), Exists(fluent("At")(kenny, p), p)),
+    ]
+
+
+def test_metrics():
+    """The makespan, and the final value of an expression, as small or as great as can be."""
+    (makespan,) = to_problem(state(metric="minimize (total-time)")).quality_metrics
+    assert makespan == MinimizeMakespan()
+    problem = to_problem(state(metric="minimize (total-cost)"))
+    assert problem.quality_metrics == [MinimizeExpressionOnFinalState(problem.fluent("total-cost")())]
+    problem = to_problem(state(metric="maximize (+ (battery kenny) (speed))"))
+    charge = Plus(problem.fluent("battery")(problem.object("kenny")), problem.fluent("speed"))
+    assert problem.quality_metrics == [MaximizeExpressionOnFinalState(charge)]
+    assert to_problem(state()).quality_metrics == []
+
+
+@pytest.mark.parametrize("metric", ["maximize (total-time)", "minimize (+ (total-time) (speed))"])
+def test_metrics_without_a_counterpart_are_refused(metric: str):
+    """What the library cannot express is a clear error that names it."""
+    with pytest.raises(InvalidKnowledge, match=r"the metric .*total-time"):
+        to_problem(state(metric=metric))
+
+
+def test_constraints():
+    """PDDL 3.0: constraints on the course of a plan that the library has words for."""
+    constraints = [
+        "(always (not (open)))",
+        "(sometime-before (visited wp0) (visited wp1))",
+        "(forall (?p - place) (sometime (visited ?p)))",
+        "(and (always (open)) (sometime (= (speed) 2)))",
+    ]
+    problem = to_problem(state(constraints=constraints))
+    is_open, visited = problem.fluent("open"), problem.fluent("visited")
+    p = Variable("p", problem.user_type("place"))
+    always, before, each, both = problem.trajectory_constraints
+    assert always == Always(Not(is_open))
+    assert before == SometimeBefore(visited(problem.object("wp0")), visited(problem.object("wp1")))
+    assert each == Forall(Sometime(visited(p)), p)
+    assert set(both.args) == {Always(is_open), Sometime(Equals(problem.fluent("speed"), 2))}
+
+
+@pytest.mark.parametrize(
+    "constraint",
+    ["(within 10 (open))", "(preference soft (always (open)))", "(at end (open))", "(hold-after 3 (open))"],
+)
+def test_constraints_without_a_counterpart_are_refused(constraint: str):
+    """What the library cannot express is a clear error that names it."""
+    with pytest.raises(InvalidKnowledge) as caught:
+        to_problem(state(constraints=[constraint]))
+    assert constraint in str(caught.value)
+
+
+def test_goals_without_a_counterpart_are_refused():
+    """A preference among the goals has no counterpart without its weight."""
+    with pytest.raises(InvalidKnowledge, match=r"the goal \(preference soft \(open\)\)"):
+        to_problem(state(goals=[Condition(text="(preference soft (open))")]))
+
+
+def test_functions_that_move_are_refused():
+    """C7: the initial state of a problem holds still; a function with a rate is named."""
+    moving = state(init=["(= (speed) 1)", "(= (battery kenny) 80)"])
+    moving.functions[1] = moving.functions[1].changed(rate=-0.5)
+    with pytest.raises(InvalidKnowledge, match=r"\(= \(battery kenny\) 80\): it moves by -0\.5 per second"):
+        to_problem(moving)
+    scheduled = state(timed={5: "(= (speed) 1)"})
+    scheduled.timed_knowledge[0] = scheduled.timed_knowledge[0].changed(rate=1.0)
+    with pytest.raises(InvalidKnowledge, match="moves by 1 per second"):
+        to_problem(scheduled)
+
+
+def test_objects_that_come_or_go_are_refused():
+    """C9: the objects of a problem are always there; one that is scheduled is named."""
+    coming = state()
+    coming.timed_knowledge = [
+        Instance(instance_name="wp7", instance_type="place", initial_time=5),
+        Instance(instance_name="wp0", is_negative=True, initial_time=7),
+    ]
+    with pytest.raises(InvalidKnowledge) as caught:
+        to_problem(coming)
+    assert [violation[:15] for violation in caught.value.violations] == ["wp7 - place at ", "(not (wp0)) at "][:2]
+
+
+def test_a_metric_that_is_scheduled_is_refused():
+    """C11: the metric of a problem stays as it is."""
+    changing = state()
+    changing.timed_knowledge = [Expression(optimization="minimize", initial_time=5)]
+    with pytest.raises(InvalidKnowledge, match="the metric of a"):
+        to_problem(changing)
+
+
+def test_recorded_inequalities_are_left_out():
+    """C11: a recorded inequality is a statement; it changes nothing in a problem."""
+    stated = state(timed={5: "(> (speed) 1)"})
+    assert to_problem(stated).timed_effects == {}
+    assert isinstance(state(init=["(= (speed) 1)"]).functions[0], Function)
