@@ -164,10 +164,11 @@ class ConditionReader:
 
     def _atom(self, group: Group, variables: Variables) -> Condition:
         context = self.context
+        group = context.unglued(group)
         name = context.name(group, 0, "predicate")
-        if len(group) == 3 and group[1] == "-" and isinstance(group[2], str) and context.objects is None:
+        if len(group) == 3 and group[1] == "-" and isinstance(group[2], str) and context.patterns:
             return IsA(name, context.type_name(group[2], group, 2))
-        if context.objects is None and context.is_function(name):
+        if context.patterns and context.is_function(name):
             return Defined(read_function(context, group, variables, wildcards=True))
         if (name.lower(), group.word(1)) in _TIMED and not context.is_predicate(name):
             raise context.error(f"({name} {group[1]} ...) belongs to durative actions", group)
@@ -200,7 +201,7 @@ class ConditionReader:
             return self._comparison(group, variables)
         for index, side in enumerate(sides, 1):
             problem = self.context.misfit(side, variables)
-            if self.context.objects is None and is_wildcard(side) and side[1:].lower() not in variables:
+            if self.context.patterns and is_wildcard(side) and side[1:].lower() not in variables:
                 problem = f"{side} matches nothing in a comparison; say (exists (?x - some-type) ...)"
             if problem:
                 self.context.complain(InvalidKnowledge, f"{node_text(group)}: {problem}", group, index)

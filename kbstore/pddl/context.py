@@ -24,13 +24,15 @@ class Context:
     """The text that is read, and what its names may refer to.
 
     Without `domain` every predicate, function and type is known. `objects` maps the objects that may be named to
-    their types (both as keys); without it any object may be named, and free variables are wildcards (rule V7).
+    their types (both as keys); without it any object may be named. Of `patterns`, which questions are, free variables
+    match any object (rule V7), and functions and objects may stand for conditions.
     """
 
     source: Source
     domain: Domain | None = None
     objects: Mapping[str, str] | None = None
     report: Report | None = None
+    patterns: bool = False
 
     def error(self, problem: str, group: Group, index: int | None = None) -> PddlSyntaxError:
         """The refusal of what is not PDDL, with its place: of a group, or of its child of that index."""
@@ -131,40 +133,68 @@ class Context:
         """Whether a word is certainly a type."""
         return self.domain is not None and self.domain.knows_type(name)
 
+    def unglued(self, group: Group) -> Group:
+        """The group, with a variable split off that is glued to its predicate, as in ``(aircraft?a)``."""
+        head = group.word(0)
+        if "?" not in head[1:] or self.domain is None or self.is_predicate(head):
+            return group
+        name, _, variable = str(group[0]).partition("?")
+        if not self.is_predicate(name):
+            return group
+        split = Group([name, f"?{variable}", *group[1:]])
+        split.start = group.start
+        return split
+
     # -- atoms ------------------------------------------------------------------------------------------------
 
-    def atom(self, group: Group, signature: Signature | None, variables: Variables = NO_VARIABLES) -> Atom:
-        """The atom that a group is, with its arguments checked against the signature."""
+    def atom(
+        self, group: Group, signature: Signature | None, variables: Variables = NO_VARIABLES, *, asserted: bool = False
+    ) -> Atom:
+        """The atom that a group is, with its arguments checked against the signature.
+
+        Where it is `asserted`, in an effect, a variable has to be of the parameter's type; where it is asked, it may
+        be of a type above, as some of its values may fit.
+        """
         atom = Atom(str(group[0]), self.words(group, 1))
         if signature is not None and len(atom.arguments) != len(signature.parameters):
             self.complain(InvalidKnowledge, arity_problem(atom, signature), group)
             signature = None
         for index, argument in enumerate(atom.arguments, 1):
             parameter = signature.parameters[index - 1] if signature else None
-            problem = self.misfit(argument, variables, parameter)
+            problem = self.misfit(argument, variables, parameter, asserted=asserted)
             if problem:
                 declared = f"; it is declared {signature}" if signature else ""
                 self.complain(InvalidKnowledge, f"{atom}: {problem}{declared}", group, index)
         return atom
 
-    def misfit(self, argument: str, variables: Variables, parameter: Parameter | None = None) -> str | None:
+    def misfit(
+        self, argument: str, variables: Variables, parameter: Parameter | None = None, *, asserted: bool = False
+    ) -> str | None:
         """What is wrong with an argument in the place of `parameter`; None if nothing."""
-        if self.objects is None:
-            return None
         if is_wildcard(argument):
             types = variables.get(key(argument[1:]))
             if types is None:
-                bound = ", ".join(f"?{name}" for name in variables)
-                return f"the variable {argument} is not declared here" + (f" ({bound} are)" if bound else "")
+                return None if self.patterns else _unbound(argument, variables)
+        elif self.objects is None:
+            return None
         elif key(argument) in self.objects:
             types = (self.objects[key(argument)],)
+            asserted = True
         else:
             return f"{argument} is not a declared object or constant"
-        if parameter is None or self.domain is None:
+        if parameter is None or self.domain is None or self.patterns:
             return None
-        if all(self.domain.is_subtype(type_name, parameter.types) for type_name in types):
+        if self._fit(types, parameter.types, asserted):
             return None
         return f"{argument} is of type {Parameter('', types).type_text}, but {parameter.type_text} is expected"
+
+    def _fit(self, types: tuple[str, ...], wanted: tuple[str, ...], asserted: bool) -> bool:
+        if self.domain is None or all(self.domain.is_subtype(type_name, wanted) for type_name in types):
+            return True
+        return not asserted and any(
+            self.domain.is_subtype(one, wanted) or any(self.domain.is_subtype(other, (one,)) for other in wanted)
+            for one in types
+        )
 
 
 def fail_at_once(source: Source) -> Report:
@@ -181,6 +211,12 @@ def arity_problem(atom: Atom, signature: Signature) -> str:
     given = len(atom.arguments)
     counted = f"{given} argument" if given == 1 else f"{given} arguments"
     return f"{atom} has {counted}, but {signature} takes {len(signature.parameters)}"
+
+
+def _unbound(variable: str, variables: Variables) -> str:
+    if not variables:
+        return f"{variable} is a variable, but an object is expected here"
+    return f"the variable {variable} is not declared here; there are {', '.join(f'?{name}' for name in variables)}"
 
 
 def _unknown(what: str, name: str, domain: Domain, known: Iterable[Signature]) -> str:

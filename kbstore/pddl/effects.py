@@ -108,15 +108,16 @@ class EffectReader:
             raise context.error(
                 f"({group.word(0)} (f) value) takes a function and a value: {node_text(group, 60)}", group
             )
-        function = read_function(context, function_group(context, group, 1), variables, wildcards=False)
+        function = read_function(context, function_group(context, group, 1), variables, asserted=True)
         return function, read_expression(context, group, 2, variables, specials)
 
     def _changed_atom(self, group: Group, variables: Variables) -> Atom:
         context = self.context
+        group = context.unglued(group)
         name = context.name(group, 0, "predicate")
         if context.domain is not None and context.domain.is_derived(name):
             context.complain(InvalidKnowledge, f"{name} is derived by rules, and no action can change it", group)
-        return context.atom(group, context.predicate(name, group), variables)
+        return context.atom(group, context.predicate(name, group), variables, asserted=True)
 
 
 def function_group(context: Context, group: Group, index: int) -> Group:

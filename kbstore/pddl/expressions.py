@@ -70,17 +70,22 @@ def read_expression(
         elif not node:
             raise context.error("a numeric expression is expected here, not ()", node)
         else:
-            tokens.append(read_function(context, node, variables, wildcards=False))
+            tokens.append(read_function(context, node, variables))
     return tuple(tokens)
 
 
-def read_function(context: Context, group: Group, variables: Variables, *, wildcards: bool) -> Atom:
-    """The term of a numeric function; `wildcards` says whether free variables are patterns here (rule V7)."""
+def read_function(
+    context: Context, group: Group, variables: Variables, *, wildcards: bool = False, asserted: bool = False
+) -> Atom:
+    """The term of a numeric function.
+
+    `wildcards` says whether free variables may be patterns here (rule V7), `asserted` whether its value is set.
+    """
     name = context.name(group, 0, "numeric function")
     if is_number(name) or name == "?duration":
         raise context.error(f"{name} stands without brackets", group)
-    atom = context.atom(group, context.function(name, group), variables)
-    if context.objects is None and not wildcards:
+    atom = context.atom(group, context.function(name, group), variables, asserted=asserted)
+    if context.patterns and not wildcards:
         refuse_wildcards(context, group, atom, variables)
     return atom
 

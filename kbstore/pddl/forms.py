@@ -39,7 +39,7 @@ def parse_item(text: str, domain: Domain | None = None) -> KnowledgeItem:
         InvalidKnowledge: for what can be read, but is not an item.
     """
     source = Source(text)
-    return ItemReader(Context(source, domain)).read(source.read())
+    return ItemReader(Context(source, domain, patterns=True)).read(source.read())
 
 
 def parse_condition(text: str, domain: Domain | None = None) -> Condition:
@@ -54,7 +54,7 @@ def parse_condition(text: str, domain: Domain | None = None) -> Condition:
         InvalidKnowledge: for a wrong number of arguments, and for a free variable in a comparison.
     """
     source = Source(text)
-    context = Context(source, domain)
+    context = Context(source, domain, patterns=True)
     top = source.read()
     if len(top) == 1 and isinstance(top[0], Group):
         return ConditionReader(context).read(top[0])
@@ -70,7 +70,7 @@ def parse_expression(text: str, domain: Domain | None = None) -> Expression:
     Raises `PddlSyntaxError`; with a domain also `UnknownSymbol` and `InvalidKnowledge`, as `parse_condition` does.
     """
     source = Source(text)
-    context = Context(source, domain)
+    context = Context(source, domain, patterns=True)
     top = source.read()
     if len(top) != 1:
         raise context.error(f"one numeric expression is expected, not {len(top)}", top, min(1, len(top)))

@@ -110,7 +110,7 @@ class ItemReader:
 
     def metric(self, group: Group, index: int) -> Metric:
         """The metric whose ``minimize`` or ``maximize`` stands at a place, followed by its expression."""
-        optimization, expression = read_metric(Context(self.context.source), group, index, ANY_SPECIAL)
+        optimization, expression = read_metric(self._unchecked(), group, index, ANY_SPECIAL)
         return Metric(optimization=optimization, expr=self.composite(expression))
 
     def composite(self, expression: Expression) -> ExprComposite:
@@ -134,6 +134,10 @@ class ItemReader:
     def function(self, name: str) -> Signature | None:
         """The signature by which a numeric function is labelled, if the domain has one."""
         return self.context.domain.function_signatures.get(key(name)) if self.context.domain else None
+
+    def _unchecked(self) -> Context:
+        """The context for expressions, whose symbols are checked with those of all other items."""
+        return Context(self.context.source, patterns=True)
 
     def _formula(self, atom: Atom) -> DomainFormula:
         values = labelled(atom.arguments, self.function(atom.name))
@@ -195,7 +199,7 @@ class ItemReader:
             raise InvalidKnowledge(
                 f"{node_text(group, 60)} compares two objects, which can be asked, but is not something to know"
             )
-        unchecked = Context(context.source)
+        unchecked = self._unchecked()
         first, second = read_expression(unchecked, group, 1), read_expression(unchecked, group, 2)
         return self.inequality(Comparison(COMPARISONS[group.word(0)], first, second))
 
@@ -204,7 +208,7 @@ class ItemReader:
         atom = self._term(group)
         value = number_at(context, group, 2)
         if value is None and operation in (AssignOp.INCREASE, AssignOp.DECREASE):
-            rate = rate_of(read_expression(Context(context.source), group, 2))
+            rate = rate_of(read_expression(self._unchecked(), group, 2))
             value = _constant(rate) if rate is not None else None
             if value is not None:
                 value = -value if operation is AssignOp.DECREASE else value

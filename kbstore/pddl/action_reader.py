@@ -1,0 +1,128 @@
+"""Actions and durative actions, from their groups to `kbstore.actions.Action`."""
+
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass
+
+from kbstore.actions import Action, DurationConstraint
+from kbstore.logic import Moment, Parameter
+from kbstore.messages import ComparisonType, SpecialType
+from kbstore.names import key
+from kbstore.pddl.conditions import COMPARISONS, ConditionReader, conjuncts
+from kbstore.pddl.context import NO_VARIABLES, Context, Variables
+from kbstore.pddl.definition import check_name, unknown_keyword
+from kbstore.pddl.effects import EffectReader
+from kbstore.pddl.expressions import read_expression
+from kbstore.pddl.sexpr import Group, node_text
+from kbstore.pddl.timed_formulas import TimedReader
+from kbstore.pddl.typed_lists import bound, read_parameters
+
+_FIELDS = (":parameters", ":vars", ":precondition", ":effect")
+_DURATIVE_FIELDS = (":parameters", ":duration", ":condition", ":effect")
+_FLIPPED = {
+    ComparisonType.GREATER: ComparisonType.LESS,
+    ComparisonType.GREATEREQ: ComparisonType.LESSEQ,
+    ComparisonType.LESS: ComparisonType.GREATER,
+    ComparisonType.LESSEQ: ComparisonType.GREATEREQ,
+    ComparisonType.EQUALS: ComparisonType.EQUALS,
+}
+
+
+@dataclass
+class ActionReader:
+    """Reads the actions of a domain whose types, constants, predicates and functions are known."""
+
+    context: Context
+
+    def read(self, group: Group) -> Action:
+        """The action that an ``(:action ...)`` or ``(:durative-action ...)`` section declares."""
+        if group.word(0) == ":durative-action":
+            return self._durative(group)
+        name = check_name(self.context, "action", group, 1)
+        fields = self._fields(group, _FIELDS)
+        parameters, variables = self._parameters(fields)
+        conditions = ConditionReader(self.context, frozenset())
+        effects = EffectReader(self.context, conditions, frozenset())
+        precondition = conditions.read(fields.get(":precondition", _EMPTY), variables)
+        return Action(
+            name,
+            parameters,
+            conditions=tuple((Moment.AT_START, part) for part in conjuncts(precondition)),
+            effects=tuple(
+                (Moment.AT_START, effect) for effect in effects.read(fields.get(":effect", _EMPTY), variables)
+            ),
+        )
+
+    def _durative(self, group: Group) -> Action:
+        name = check_name(self.context, "action", group, 1)
+        fields = self._fields(group, _DURATIVE_FIELDS)
+        if ":duration" not in fields:
+            raise self.context.error(f"the durative action {name} lacks its :duration", group)
+        parameters, variables = self._parameters(fields)
+        special = frozenset((SpecialType.DURATION,))
+        conditions = ConditionReader(self.context, special)
+        timed = TimedReader(self.context, conditions, EffectReader(self.context, conditions, special))
+        return Action(
+            name,
+            parameters,
+            durative=True,
+            duration=tuple(self._duration(fields[":duration"], variables, conditions)),
+            conditions=tuple(timed.read_conditions(fields.get(":condition", _EMPTY), variables)),
+            effects=tuple(timed.read_effects(fields.get(":effect", _EMPTY), variables)),
+        )
+
+    def _fields(self, group: Group, known: Collection[str]) -> dict[str, Group]:
+        """The groups after the action's keywords."""
+        fields: dict[str, Group] = {}
+        for index in range(2, len(group), 2):
+            keyword, value = group.word(index), group[index + 1] if index + 1 < len(group) else None
+            if keyword not in known:
+                problem = (
+                    unknown_keyword(keyword, "part of this action", known)
+                    if keyword.startswith(":")
+                    else f"one of {', '.join(known)} is expected here, not {node_text(group[index], 60)}"
+                )
+                raise self.context.error(problem, group, index)
+            if keyword in fields:
+                raise self.context.error(f"{keyword} stands here for the second time", group, index)
+            if not isinstance(value, Group):
+                raise self.context.error(f"{keyword} is followed by a group in brackets", group, index + 1)
+            fields[keyword] = value
+        return fields
+
+    def _parameters(self, fields: dict[str, Group]) -> tuple[tuple[Parameter, ...], Variables]:
+        parameters = read_parameters(self.context, fields.get(":parameters", _EMPTY))
+        if ":vars" in fields:  # the deprecated second list, whose variables only the precondition finds
+            more = read_parameters(self.context, fields[":vars"])
+            for parameter in more:
+                if key(parameter.name) in map(key, (known.name for known in parameters)):
+                    raise self.context.error(f"the variable ?{parameter.name} is declared twice", fields[":vars"])
+            parameters += more
+        return parameters, bound(NO_VARIABLES, parameters)
+
+    def _duration(
+        self, group: Group, variables: Variables, conditions: ConditionReader
+    ) -> Iterator[DurationConstraint]:
+        """The constraints on ``?duration``, each possibly with its moment."""
+        for part in conditions.groups_of(group) if group.word(0) == "and" else [group]:
+            timed = part[2] if part.word(0) == "at" and part.word(1) in ("start", "end") and len(part) == 3 else None
+            if isinstance(timed, Group):
+                moment = Moment.AT_START if part.word(1) == "start" else Moment.AT_END
+                yield self._constraint(timed, variables, moment)
+            elif part:
+                yield self._constraint(part, variables, Moment.AT_START)
+
+    def _constraint(self, group: Group, variables: Variables, moment: Moment) -> DurationConstraint:
+        comparison = COMPARISONS.get(group.word(0))
+        is_left, is_right = group.word(1) == "?duration", group.word(2) == "?duration"
+        if comparison is None or len(group) != 3 or is_left == is_right:
+            raise self.context.error(
+                f"a constraint on the duration is (= ?duration value), or one of <=, >=, < and >, "
+                f"not {node_text(group, 60)}",
+                group,
+            )
+        bound_by = read_expression(self.context, group, 2 if is_left else 1, variables, frozenset())
+        return DurationConstraint(comparison if is_left else _FLIPPED[comparison], bound_by, moment)
+
+
+_EMPTY = Group()
+_EMPTY.start = 0

@@ -1,0 +1,97 @@
+"""The frame that domains and problems share: ``(define (kind name) (:section ...) ...)``."""
+
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass
+from difflib import get_close_matches
+
+from kbstore.names import problem as name_problem
+from kbstore.pddl.context import Context
+from kbstore.pddl.sexpr import Group, node_text
+
+_ELSEWHERE = {
+    ":process": "is PDDL+; processes cannot be read",
+    ":event": "is PDDL+; events cannot be read",
+    ":axiom": "is PDDL 1.2; write a (:derived ...) rule",
+    ":timeless": "is PDDL 1.2; write the facts into (:init ...)",
+    ":extends": "is PDDL 1.2; write the whole domain into one file",
+    ":observe": "is for contingent planning, and cannot be read",
+}
+
+
+@dataclass(frozen=True)
+class Definition:
+    """One domain or problem: its name, its sections in order, and the whole."""
+
+    name: str
+    sections: tuple[Group, ...]
+    whole: Group
+
+    def all(self, keyword: str) -> Iterator[Group]:
+        """The sections of a keyword."""
+        return (section for section in self.sections if section.word(0) == keyword)
+
+    def one(self, keyword: str) -> Group | None:
+        """The section of a keyword that stands at most once."""
+        return next(self.all(keyword), None)
+
+
+def read_definition(context: Context, kind: str, known: Collection[str], repeated: Collection[str]) -> Definition:
+    """The definition of `kind` ("domain", "problem") that the text consists of.
+
+    `known` are the keywords of its sections; those in `repeated` may stand several times. Raises `PddlSyntaxError`.
+    """
+    top = context.source.read()
+    forms = [index for index, form in enumerate(top) if not (isinstance(form, Group) and form.word(0) == "in-package")]
+    if not forms:
+        raise context.error(f"the text is empty; a {kind} is (define ({kind} name) ...)", top)
+    if len(forms) > 1:
+        if isinstance(top[forms[0]], Group) and top[forms[0]][0] == "define":
+            problem = "this stands outside of the definition, which ended before: there is a ')' too many before"
+        else:
+            problem = f"a text is one definition, (define ({kind} name) ...)"
+        raise context.error(problem, top, forms[int(isinstance(top[forms[0]], Group))])
+    whole = top[forms[0]]
+    if not isinstance(whole, Group) or whole.word(0) != "define":
+        raise context.error(f"a {kind} begins with (define ({kind} name) ...), not with this", top, forms[0])
+    header = whole[1] if len(whole) > 1 else None
+    if not isinstance(header, Group) or len(header) != 2 or not isinstance(header[1], str):
+        raise context.error(f"(define ...) is followed by ({kind} name)", whole, 1)
+    if header.word(0) != kind:
+        raise context.error(f"a {kind} is expected here, but this defines a {header.word(0)}", header, 0)
+    return Definition(header[1], tuple(_sections(context, whole, kind, known, repeated)), whole)
+
+
+def check_name(context: Context, what: str, group: Group, index: int, name: str | None = None) -> str:
+    """The word at a place (or `name`, which it contains), which has to be acceptable as the name of `what`."""
+    written = name if name is not None else context.name(group, index, what)
+    problem = name_problem(written)
+    if problem:
+        raise context.error(f"the {what} name {written:.60} {problem}", group, index)
+    return written
+
+
+def _sections(
+    context: Context, whole: Group, kind: str, known: Collection[str], repeated: Collection[str]
+) -> Iterator[Group]:
+    seen: set[str] = set()
+    for index in range(2, len(whole)):
+        section = whole[index]
+        if not isinstance(section, Group) or not section.word(0).startswith(":"):
+            raise context.error(
+                f"a section like ({sorted(known)[0]} ...) is expected here, not {node_text(section, 60)}", whole, index
+            )
+        keyword = section.word(0)
+        if keyword not in known:
+            raise context.error(unknown_keyword(keyword, f"section of a {kind}", known), section, 0)
+        if keyword in seen and keyword not in repeated:
+            raise context.error(f"the section {keyword} stands here for the second time", section, 0)
+        seen.add(keyword)
+        yield section
+
+
+def unknown_keyword(keyword: str, what: str, known: Collection[str]) -> str:
+    """The sentence for a keyword that means nothing where it stands."""
+    if keyword in _ELSEWHERE:
+        return f"{keyword} {_ELSEWHERE[keyword]}"
+    close = get_close_matches(keyword, known, 1)
+    return f"{keyword} is no {what}" + (f"; did you mean {close[0]}?" if close else f"; there are {', '.join(known)}")

@@ -1,0 +1,199 @@
+"""Problems: from PDDL text to the items of a knowledge base, each with its place."""
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import overload
+
+from kbstore.domain import ROOT_TYPE, Domain
+from kbstore.errors import InvalidKnowledge, KbStoreError
+from kbstore.messages import Expression, Goal, Instance, KnowledgeType, SpecialType
+from kbstore.names import key
+from kbstore.names import problem as name_problem
+from kbstore.pddl.conditions import ConditionReader
+from kbstore.pddl.constraints import ConstraintReader
+from kbstore.pddl.context import Context
+from kbstore.pddl.definition import Definition, read_definition
+from kbstore.pddl.domain_reader import object_type, read_requirements
+from kbstore.pddl.forms import goals_of
+from kbstore.pddl.init_reader import Entry, InitReader
+from kbstore.pddl.item_reader import ItemReader, read_metric
+from kbstore.pddl.sexpr import Group, Source
+from kbstore.pddl.typed_lists import read_typed_list
+
+_SECTIONS = (
+    ":domain",
+    ":requirements",
+    ":objects",
+    ":init",
+    ":goal",
+    ":constraints",
+    ":metric",
+    ":length",
+)
+
+
+class Places(Sequence[tuple[int, int]]):
+    """The line and the column of each of some items, found when asked for."""
+
+    def __init__(self, source: Source, offsets: Sequence[int]) -> None:
+        self._source = source
+        self._offsets = offsets
+
+    def __len__(self) -> int:
+        return len(self._offsets)
+
+    @overload
+    def __getitem__(self, index: int) -> tuple[int, int]: ...
+    @overload
+    def __getitem__(self, index: slice) -> "Places": ...
+    def __getitem__(self, index: int | slice) -> "tuple[int, int] | Places":
+        if isinstance(index, slice):
+            return Places(self._source, self._offsets[index])
+        return self._source.place(self._offsets[index])
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What a problem says.
+
+    `timed` has the offsets of timed-initial knowledge from the initial state, in nanoseconds; `constraints` are PDDL
+    text. `places` has the line and column of each item of "instances", "init", "timed" and "goals"; `source` is the
+    file, None for text.
+    """
+
+    name: str
+    domain_name: str
+    requirements: tuple[str, ...] = ()
+    instances: list[Instance] = field(default_factory=list)
+    init: list[Entry] = field(default_factory=list)
+    timed: list[tuple[int, Entry]] = field(default_factory=list)
+    goals: list[Goal] = field(default_factory=list)
+    metric: Expression | None = None
+    constraints: list[str] = field(default_factory=list)
+    places: Mapping[str, Sequence[tuple[int, int]]] = field(default_factory=dict, compare=False)
+    source: str | None = field(default=None, compare=False)
+
+
+def read_problem(source: str | os.PathLike[str], domain: Domain | None = None) -> Problem:
+    """The problem in a file, or in PDDL text. Its sections may come in any order.
+
+    Raises:
+        PddlSyntaxError: with the place, for what cannot be read, and for a problem of another domain.
+        InvalidKnowledge: for what does not fit the domain or the declared objects; all of it, each with its place.
+    """
+    text = Source.open(source)
+    violations: list[str] = []
+
+    def report(_kind: type[KbStoreError], problem: str, offset: int) -> None:
+        violations.append(text.complaint(problem, offset))
+
+    reader = _ProblemReader(Context(text, domain, report=report))
+    problem = reader.read()
+    if violations:
+        raise InvalidKnowledge(*violations)
+    return problem
+
+
+@dataclass
+class _ProblemReader:
+    context: Context
+
+    def read(self) -> Problem:
+        context = self.context
+        definition = read_definition(context, "problem", _SECTIONS, ())
+        domain_name = self._domain_name(definition)
+        requirements = read_requirements(context, definition)
+        instances, instance_offsets = self._objects(definition.one(":objects") or Group())
+        init = InitReader(context)
+        init.read(definition.one(":init") or Group())
+        goals, goal_offsets = self._goals(definition)
+        constraints = definition.one(":constraints")
+        return Problem(
+            definition.name,
+            domain_name,
+            requirements,
+            instances,
+            init.entries,
+            init.timed,
+            goals,
+            self._metric(definition.one(":metric")),
+            ConstraintReader(context, ConditionReader(context, frozenset())).read(constraints) if constraints else [],
+            {
+                "instances": Places(context.source, instance_offsets),
+                "init": Places(context.source, init.offsets),
+                "timed": Places(context.source, init.timed_offsets),
+                "goals": Places(context.source, goal_offsets),
+            },
+            context.source.name,
+        )
+
+    def _domain_name(self, definition: Definition) -> str:
+        section = definition.one(":domain")
+        if section is None:
+            raise self.context.error("the problem does not name its domain: (:domain name)", definition.whole)
+        name = self.context.name(section, 1, "domain")
+        domain = self.context.domain
+        if domain is not None and key(name) != key(domain.name):
+            raise self.context.error(f"this problem is of the domain {name}, not of {domain.name}", section, 1)
+        return name
+
+    def _objects(self, section: Group) -> tuple[list[Instance], list[int]]:
+        """The objects that are declared; from here on the context knows them, and the domain's constants."""
+        context = self.context
+        constants = context.domain.constant_types if context.domain else {}
+        known: dict[str, str] = {}
+        instances: list[Instance] = []
+        offsets: list[int] = []
+        for index, name, types in read_typed_list(context, section, 1):
+            type_name = object_type(context, section, index, name, types)
+            wrong = name_problem(name)
+            if wrong:
+                context.complain(InvalidKnowledge, f"the object name {name:.60} {wrong}", section, index)
+            if key(name) in known:
+                context.complain(InvalidKnowledge, f"the object {name} is declared twice", section, index)
+            elif key(name) in constants:
+                # to repeat a constant adds nothing, unless it is another type
+                if constants[key(name)] != key(type_name):
+                    problem = f"{name} - {type_name} is a constant of the domain, of type {constants[key(name)]}"
+                    context.complain(InvalidKnowledge, problem, section, index)
+            else:
+                known[key(name)] = key(type_name)
+                instances.append(
+                    Instance.trusted(
+                        initial_time=0,
+                        is_negative=False,
+                        knowledge_type=KnowledgeType.INSTANCE,
+                        instance_type=type_name or ROOT_TYPE,
+                        instance_name=name,
+                    )
+                )
+                offsets.append(context.source.offset(section, index))
+        if context.domain is not None:
+            context.objects = {**constants, **known}
+        return instances, offsets
+
+    def _goals(self, definition: Definition) -> tuple[list[Goal], list[int]]:
+        section = definition.one(":goal")
+        if section is None:
+            if definition.one(":constraints") is not None:
+                return [], []
+            raise self.context.error(
+                "the problem has no goal; write (:goal (and)) if everything is as it should be", definition.whole
+            )
+        if len(section) != 2 or not isinstance(section[1], Group):
+            raise self.context.error("the goal is one condition in brackets: (:goal (and (p) (q)))", section, 1)
+        reader = ConditionReader(self.context, frozenset())
+        goals: list[Goal] = []
+        offsets: list[int] = []
+        for group in reader.groups_of(section[1]) if section[1].word(0) == "and" else [section[1]]:
+            parts = goals_of(reader.read(group), self.context.domain)
+            goals += parts
+            offsets += [group.start] * len(parts)
+        return goals, offsets
+
+    def _metric(self, section: Group | None) -> Expression | None:
+        if section is None:
+            return None
+        optimization, expression = read_metric(self.context, section, 1, frozenset((SpecialType.TOTAL_TIME,)))
+        return Expression(optimization=optimization, expr=ItemReader(self.context).composite(expression))

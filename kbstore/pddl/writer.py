@@ -1,0 +1,195 @@
+"""Problems as PDDL text, which reads back to an equal state (rules P2 and O4)."""
+
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Protocol
+
+from kbstore.clock import SECOND
+from kbstore.domain import ROOT_TYPE, Domain
+from kbstore.messages import Expression, Fact, Function, Goal, Inequality, Instance, KnowledgeItem, format_number
+from kbstore.names import problem as name_problem
+
+_NAMES_PER_LINE = 10
+_UNFIT = re.compile(r"[^A-Za-z0-9_-]+")
+
+
+class Running(Protocol):
+    """An action that runs; times in nanoseconds."""
+
+    @property
+    def operator(self) -> str:
+        """The action's name."""
+
+    @property
+    def arguments(self) -> Sequence[str]:
+        """The objects of its parameters."""
+
+    @property
+    def started(self) -> int:
+        """When it started."""
+
+    @property
+    def duration(self) -> int:
+        """How long it is expected to take."""
+
+
+class Writable(Protocol):
+    """The state that a problem is written from."""
+
+    @property
+    def at(self) -> int:
+        """Its time, in nanoseconds."""
+
+    @property
+    def name(self) -> str:
+        """The name of the knowledge base."""
+
+    @property
+    def domain(self) -> Domain | None:
+        """The domain at that time."""
+
+    @property
+    def instances(self) -> Sequence[Instance]:
+        """The objects, without constants."""
+
+    @property
+    def facts(self) -> Sequence[Fact]:
+        """The facts of both signs."""
+
+    @property
+    def functions(self) -> Sequence[Function]:
+        """The numeric functions with their values."""
+
+    @property
+    def inequalities(self) -> Sequence[Inequality]:
+        """The recorded inequalities."""
+
+    @property
+    def metric(self) -> Expression | None:
+        """The metric."""
+
+    @property
+    def goals(self) -> Sequence[Goal]:
+        """The parts of the goal."""
+
+    @property
+    def constraints(self) -> Sequence[str]:
+        """The constraints on the plan's course, in PDDL."""
+
+    @property
+    def timed_knowledge(self) -> Sequence[KnowledgeItem]:
+        """What takes effect later, each at its `initial_time`."""
+
+    @property
+    def running(self) -> Sequence[Running]:
+        """The actions that run."""
+
+    @property
+    def end_effects(self) -> Sequence[tuple[int, KnowledgeItem, Running]]:
+        """What they are expected to change, and when."""
+
+
+def write_problem(state: Writable, *, explicit_negatives: bool = False) -> str:
+    """The planning problem as of a state.
+
+    Numbers are exact and have no exponent. Timed knowledge, and the end effects of what runs, are timed-initial
+    literals and fluents in seconds from the state's time. What PDDL has no words for (rates, scheduled objects,
+    recorded inequalities) is written as comments; explicit negatives are left out unless asked for.
+    """
+    lines = [
+        f"(define (problem {_problem_name(state.name)})",
+        f"  (:domain {state.domain.name if state.domain else 'unknown'})",
+        "  (:objects",
+        *_objects(state.instances),
+        "  )",
+        "  (:init",
+        *(f"    {fact}" for fact in state.facts if explicit_negatives or not fact.is_negative),
+        *_functions(state.functions),
+        *_timed(state),
+        *_running(state),
+        *_comments("recorded, which PDDL cannot say: ", state.inequalities),
+        "  )",
+        *_section("goal", [str(goal) for goal in state.goals], always=True),
+        *_section("constraints", state.constraints),
+    ]
+    if state.metric is not None:
+        lines.append(f"  (:metric {state.metric.optimization or 'minimize'} {state.metric.expr})")
+    return "\n".join([*lines, ")", ""])
+
+
+def write_domain(domain: Domain) -> str:
+    """The domain as it was loaded."""
+    return domain.source
+
+
+def _problem_name(name: str) -> str:
+    """The name of the knowledge base, as far as it can be a name in PDDL."""
+    return name if name_problem(name) is None else _UNFIT.sub("-", name).strip("-") or "problem"
+
+
+def _objects(instances: Iterable[Instance]) -> Iterator[str]:
+    """The objects by type; where no object has a type, their names alone, which untyped domains expect."""
+    by_type: dict[str, list[str]] = {}
+    for instance in instances:
+        by_type.setdefault(instance.instance_type or ROOT_TYPE, []).append(instance.instance_name)
+    untyped = by_type.keys() <= {ROOT_TYPE}
+    for type_name, names in by_type.items():
+        for start in range(0, len(names), _NAMES_PER_LINE):
+            line = " ".join(names[start : start + _NAMES_PER_LINE])
+            yield f"    {line}" if untyped else f"    {line} - {type_name}"
+
+
+def _functions(functions: Iterable[Function]) -> Iterator[str]:
+    for function in functions:
+        yield f"    {function}"
+        if function.rate:
+            yield f"    ; {function.atom} changes by {format_number(function.rate)} per second"
+
+
+def _timed(state: Writable) -> Iterator[str]:
+    for item in state.timed_knowledge:
+        yield from _timed_line(item, item.initial_time - state.at)
+
+
+def _timed_line(item: KnowledgeItem, offset: int) -> Iterator[str]:
+    """A timed literal or fluent; what can be neither, as a comment."""
+    seconds = _seconds(max(0, offset))
+    if isinstance(item, Fact | Function):
+        yield f"    (at {seconds} {item})"
+        if isinstance(item, Function) and item.rate:
+            yield f"    ; from then on, {item.atom} changes by {format_number(item.rate)} per second"
+    else:
+        yield from _comments(f"at {seconds}, which PDDL cannot say: ", [item])
+
+
+def _running(state: Writable) -> Iterator[str]:
+    """The end effects of each action that runs, after a comment that names it (rule O4)."""
+    for run in state.running:
+        action = f"({' '.join((run.operator, *run.arguments))})"
+        past, left = state.at - run.started, run.started + run.duration - state.at
+        end = f"its end is expected in {_seconds(left)} s" if left > 0 else f"its end is late by {_seconds(-left)} s"
+        yield f"    ; {action} has been running for {_seconds(max(0, past))} s, {end}"
+        for time, item, owner in state.end_effects:
+            if owner == run:
+                yield from _timed_line(item, time - state.at)
+
+
+def _comments(label: str, items: Iterable[KnowledgeItem]) -> Iterator[str]:
+    return (f"    ; {label}{item}" for item in items)
+
+
+def _section(keyword: str, parts: Sequence[str], *, always: bool = False) -> Iterator[str]:
+    """A section with one condition: the conjunction of its parts."""
+    if len(parts) == 1:
+        yield f"  (:{keyword} {parts[0]})"
+    elif parts or always:
+        yield f"  (:{keyword} (and" + ("" if parts else "))")
+        yield from (f"    {part}" for part in parts)
+        if parts:
+            yield "  ))"
+
+
+def _seconds(nanoseconds: int) -> str:
+    """Seconds as decimal text, exact to the nanosecond."""
+    whole, rest = divmod(nanoseconds, SECOND)
+    return f"{whole}.{rest:09d}".rstrip("0").rstrip(".")
