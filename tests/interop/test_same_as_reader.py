@@ -63,7 +63,7 @@ def test_actions_and_goals_are_as_the_library_reads_them(problems: tuple[Any, An
 
 @pytest.mark.filterwarnings("ignore")
 def test_timed_effects_are_as_the_library_reads_them(problems: tuple[Any, Any]):
-    """P3: the same effects after the same delays; these are from the start of the plan, which the reader leaves open."""
+    """P3: the same effects after the same delays, which count from the start of the plan."""
     ours, theirs = ({t.delay: effects for t, effects in problem.timed_effects.items()} for problem in problems)
     assert ours == theirs
     assert all(timing.is_global() for timing in problems[0].timed_effects)
