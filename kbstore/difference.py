@@ -1,6 +1,6 @@
 """What differs between two states (rule Q5): it compares what was said."""
 
-from kbstore.messages import Expression, Function, Instance, KnowledgeItem
+from kbstore.messages import Expression, Fact, Function, Inequality, Instance, KnowledgeItem
 from kbstore.names import key
 from kbstore.record import Diff
 from kbstore.state import State
@@ -21,8 +21,8 @@ def difference(before: State, after: State) -> Diff:
         other = objects_after.get(name)
         if other is None or not _same_type(item, other):
             withdrawn.append(item)
-    said_before = {_unsigned(item): item for item in (*before.facts, *before.inequalities)}
-    said_after = {_unsigned(item): item for item in (*after.facts, *after.inequalities)}
+    said_before = _said(before)
+    said_after = _said(after)
     for text, said in said_after.items():
         earlier = said_before.get(text)
         if earlier is None or earlier.is_negative != said.is_negative:
@@ -56,8 +56,10 @@ def _numbers(before: State, after: State) -> list[tuple[Function, float | None, 
     return found
 
 
-def _unsigned(item: KnowledgeItem) -> str:
-    return item.text.lower()
+def _said(state: State) -> dict[str, Fact | Inequality]:
+    """What is said in a state of either sign, by its text without the sign."""
+    said: list[Fact | Inequality] = [*state.facts, *state.inequalities]
+    return {item.text.lower(): item for item in said}
 
 
 def _same_type(one: Instance, other: Instance) -> bool:

@@ -18,7 +18,7 @@ from kbstore.errors import (
     ScheduledRelativeChange,
     UndefinedFunction,
 )
-from kbstore.logic import Atom
+from kbstore.logic import Atom, Comparison
 from kbstore.logic import Condition as Formula
 from kbstore.messages import (
     AssignOp,
@@ -173,7 +173,8 @@ class Editor:
         track = self._formula_track(formula, role, KnowledgeType.INEQUALITY, t)
         if not isinstance(track, Track):
             return track
-        left, right = expression_text(formula.left), expression_text(formula.right)  # type: ignore[union-attr]
+        assert isinstance(formula, Comparison)
+        left, right = expression_text(formula.left), expression_text(formula.right)
         self._put(track, (item.is_negative, int(item.ineq.comparison_type), left, right, True), t)
         return _NONE
 

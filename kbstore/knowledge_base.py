@@ -9,6 +9,7 @@ from typing import Any, Self
 from sqlalchemy import Engine
 from sqlalchemy.engine import URL
 
+from kbstore import conditions
 from kbstore import when as spans
 from kbstore.clock import Clock, SystemClock, isoformat, time
 from kbstore.course import StoredCourse
@@ -31,10 +32,11 @@ from kbstore.messages import (
 from kbstore.missions import applicability
 from kbstore.names import key
 from kbstore.pddl.writer import write_domain
-from kbstore.questions import Question, as_condition
+from kbstore.points import Points
+from kbstore.questions import Question, as_condition, as_expression
 from kbstore.reading import Reader
 from kbstore.record import Applicability, Assertion, Change, Diff, Explanation, QueryResult, Run, Transaction
-from kbstore.state import State
+from kbstore.state import State, value_in
 from kbstore.storage import queries, schema
 from kbstore.storage.engine import Database
 from kbstore.storage.repository import Head, Moment, Repository
@@ -59,6 +61,7 @@ class KnowledgeBase:
         use_unknowns: bool | None = None,
         validate: bool = True,
         read_only: bool = False,
+        cache: bool = True,
     ) -> None:
         self.name = name
         self._database = database
@@ -77,6 +80,7 @@ class KnowledgeBase:
         )
         self._history = History(self._reader)
         self._explainer = Explainer(self._reader, self._history)
+        self._points = Points(self._reader, caching=cache)
         self._writing = threading.local()
 
     def _find_or_create(self, use_unknowns: bool | None) -> tuple[int, bool]:
@@ -223,7 +227,17 @@ class KnowledgeBase:
 
     def truth(self, question: Question, at: object = None, as_of: object = None) -> Truth:
         """The truth value of a fact or condition at a time."""
-        return self.state(at, as_of).truth(question)
+        if as_of is None:
+            found = self._points.truth(question, at)
+            if found is not None:
+                return found
+        with self._reader.repository() as repository:
+            place = self._reader.place(repository, at, as_of)
+            world = self._reader.world(repository, place)
+            if world is None:
+                return self._reader.state(repository, place, as_of).truth(question)
+            vocabulary = self._reader.vocabulary(repository, place.head, Moment(place.at))
+            return conditions.truth(as_condition(question, vocabulary), world)
 
     def holds(self, question: Question, at: object = None, as_of: object = None) -> bool:
         """Whether a fact or condition is true at a time."""
@@ -234,7 +248,17 @@ class KnowledgeBase:
 
         Raises `UndefinedFunction` or `DivisionByZero` where it has none.
         """
-        return self.state(at, as_of).value(question)
+        if as_of is None:
+            found = self._points.number(question, at)
+            if found is not None:
+                return found
+        with self._reader.repository() as repository:
+            place = self._reader.place(repository, at, as_of)
+            world = self._reader.world(repository, place)
+            if world is None:
+                return self._reader.state(repository, place, as_of).value(question)
+            vocabulary = self._reader.vocabulary(repository, place.head, Moment(place.at))
+            return value_in(world, as_expression(question, vocabulary))
 
     def explain(self, question: Question, at: object = None, as_of: object = None) -> Explanation:
         """Why a fact or condition is true, false or unknown at a time, and the transaction that made it so."""
@@ -412,14 +436,12 @@ class KnowledgeBase:
         `duration` is in nanoseconds, a `timedelta` or a duration stamp; without it the domain must fix it.
         """
         with self.transaction(client=client, note=note) as tx:
-            run = tx.start(operator, *arguments, duration=duration)
-        return run
+            return tx.start(operator, *arguments, duration=duration)
 
     def end(self, run: Run, *, client: str = "", note: str = "") -> Applicability:
         """End a durative action: its at-end effects. Returns the at-end conditions that fail."""
         with self.transaction(client=client, note=note) as tx:
-            ended = tx.end(run)
-        return ended
+            return tx.end(run)
 
     def abort(self, run: Run, *, client: str = "", note: str = "") -> Transaction:
         """Abort a durative action: its continuous effects stop, and nothing else happens."""
@@ -440,7 +462,7 @@ class KnowledgeBase:
         return f"<KnowledgeBase {self.name!r} in {self._database.engine.url.render_as_string(hide_password=True)}>"
 
 
-def open(  # noqa: A001 - the name that a user expects: kbstore.open
+def open(
     url: str | os.PathLike[str] | URL | Engine,
     name: str = "default",
     *,
@@ -449,6 +471,7 @@ def open(  # noqa: A001 - the name that a user expects: kbstore.open
     durability: str = "full",
     validate: bool = True,
     read_only: bool = False,
+    cache: bool = True,
 ) -> KnowledgeBase:
     """Open a knowledge base, and create it if there is none of that name.
 
@@ -461,6 +484,7 @@ def open(  # noqa: A001 - the name that a user expects: kbstore.open
         durability: "full" keeps every acknowledged transaction through a loss of power; "normal" may lose the last.
         validate: whether what is added must fit the domain.
         read_only: whether writing is refused.
+        cache: whether answers about now are remembered until something changes (SQLite only).
 
     Raises:
         SchemaOutOfDate, SchemaTooNew, SchemaUnknown: the database's schema is not this kbstore's.
@@ -478,6 +502,7 @@ def open(  # noqa: A001 - the name that a user expects: kbstore.open
             use_unknowns=use_unknowns,
             validate=validate,
             read_only=read_only,
+            cache=cache,
         )
     except BaseException:
         database.close()

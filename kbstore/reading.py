@@ -2,7 +2,7 @@
 
 import json
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -10,6 +10,7 @@ from typing import NamedTuple
 from kbstore.clock import Clock, isoformat, time
 from kbstore.domain import Domain
 from kbstore.errors import HistoryUnavailable
+from kbstore.lazy_world import LazyWorld
 from kbstore.mentions import mentions
 from kbstore.messages import KnowledgeType
 from kbstore.pddl.domain_reader import read_domain
@@ -123,6 +124,11 @@ class Reader:
                 self._versions = known
         return self._versions[: head.domain_version]
 
+    @property
+    def known_versions(self) -> list[DomainVersion]:
+        """The versions of the domain that have been read."""
+        return self._versions
+
     def vocabulary(self, repository: Repository, head: Head, at: Moment) -> Vocabulary:
         """The vocabulary at a place in the record."""
         found: Domain | None = None
@@ -139,6 +145,16 @@ class Reader:
             (KnowledgeType(kind), name_key): Shape(name, arity, tuple(labels.split()) if labels else None)
             for kind, name_key, name, arity, labels in repository.symbols()
         }
+
+    def world(self, repository: Repository, place: Place) -> LazyWorld | None:
+        """A moment as it is stored, to be read as far as needed; None where it must be reckoned."""
+        t, belief = place.at, place.belief
+        if place.is_past_belief or (belief.number is not None and t >= belief.time):
+            return None
+        if t > belief.time and self.running(repository, belief, place.head):
+            return None
+        vocabulary = self.vocabulary(repository, place.head, Moment(t))
+        return LazyWorld(repository, t, vocabulary.domain, use_unknowns=self.use_unknowns)
 
     # -- pictures ---------------------------------------------------------------------------------------------
 
@@ -202,5 +218,5 @@ def as_running(row: RunRow) -> Running:
     return Running(Run(row.operator, row.arguments, row.started, row.duration, row.number), row.rates)
 
 
-def _all_kinds(read: Callable[[KnowledgeType, Moment], list[Row]], at: Moment) -> list[Row]:
+def _all_kinds(read: Callable[[KnowledgeType, Moment], Sequence[Row]], at: Moment) -> list[Row]:
     return [row for kind in KnowledgeType for row in read(kind, at)]

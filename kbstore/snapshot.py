@@ -28,6 +28,14 @@ class Snapshot:
         return [row for row in self.rows if row[0].kind is kind and row[0].role is role]
 
     @cached_property
+    def _rows_by_key(self) -> dict[tuple[KnowledgeType, str], Row]:
+        return {(row[0].kind, row[0].key): row for row in self.rows if row[0].role is Role.STATE}
+
+    def row(self, kind: KnowledgeType, name: str) -> Row | None:
+        """The assertion that stands on one timeline of the state."""
+        return self._rows_by_key.get((kind, name))
+
+    @cached_property
     def _signs(self) -> dict[str, dict[Arguments, bool]]:
         found: dict[str, dict[Arguments, bool]] = defaultdict(dict)
         for timeline, _, value in self.of(KnowledgeType.FACT):

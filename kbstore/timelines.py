@@ -17,20 +17,6 @@ from enum import IntEnum
 from typing import Any, NamedTuple
 
 from kbstore.clock import SECOND
-from kbstore.logic import (
-    Atom,
-    Comparison,
-    Condition,
-    Defined,
-    Exists,
-    Forall,
-    Imply,
-    IsA,
-    Not,
-    Preference,
-    Same,
-    Truism,
-)
 from kbstore.messages import KeyValue, KnowledgeType
 
 Value = tuple[Any, ...]
@@ -68,7 +54,7 @@ class Identity(NamedTuple):
 class Timeline:
     """One timeline; `id` is 0 until it is stored."""
 
-    __slots__ = ("_labelled", "arguments", "id", "kind", "keys", "name", "role", "spelling")
+    __slots__ = ("_labelled", "arguments", "id", "keys", "kind", "name", "role", "spelling")
 
     def __init__(self, id: int, role: int, kind: int, key: str, spelling: str | None) -> None:
         self.id = id

@@ -12,6 +12,7 @@ import threading
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
+from types import TracebackType
 from typing import Any, Final
 
 import sqlalchemy
@@ -54,6 +55,19 @@ class Session:
         self._sqlite = dialect == "sqlite"
         self._execute = driver.execute
         self.in_transaction = False
+        self._answers: dict[int, dict[Any, Any]] = {}
+        self._data_version = -1
+
+    def answers(self, kb: int) -> dict[Any, Any]:
+        """What is remembered of a knowledge base; forgotten whenever any connection has committed (SQLite only)."""
+        version = self._execute("PRAGMA data_version").fetchone()[0]
+        if version != self._data_version:
+            self._data_version = version
+            self._answers.clear()
+        answers = self._answers.get(kb)
+        if answers is None:
+            answers = self._answers[kb] = {}
+        return answers
 
     def all(self, statement: Statement, parameters: Parameters) -> list[Row]:
         """All rows."""
@@ -102,6 +116,8 @@ class Session:
         """Commit the transaction."""
         self._execute("COMMIT")
         self.in_transaction = False
+        # data_version does not tell of this connection's own commits
+        self._answers.clear()
 
     def rollback(self) -> None:
         """Roll the transaction back; a connection that is lost has done so already."""
@@ -148,14 +164,14 @@ class Database:
         shared = isinstance(self.engine.pool, StaticPool)
         self._shared_session: Session | None = None
         self._shared = shared
-        self._guard: AbstractContextManager[Any] = threading.RLock() if shared else nullcontext()
+        self.guard: AbstractContextManager[Any] = threading.RLock() if shared else nullcontext()
 
     # -- transactions -----------------------------------------------------------------------------------------
 
     @contextmanager
     def reading(self) -> Iterator[Session]:
         """A session on one snapshot of the store; within a transaction of this thread, that transaction's."""
-        with self._guard, self.translating():
+        with self.guard, self.translating():
             session = self.session()
             if session.in_transaction:
                 yield session
@@ -169,7 +185,7 @@ class Database:
     @contextmanager
     def writing(self) -> Iterator[Session]:
         """A session with a write transaction: committed at the end, rolled back after an exception."""
-        with self._guard:
+        with self.guard:
             with self.translating():
                 session = self.session()
                 session.begin(write=True)
@@ -182,10 +198,14 @@ class Database:
                     self._roll_back(session)
                 raise
 
+    def asking(self) -> "_Asking":
+        """This thread's session for single statements, each on the latest commit."""
+        return _Asking(self)
+
     def first(self, statement: Statement, parameters: Parameters) -> Row | None:
-        """The first row of one statement on its own: the fast way for a question about one thing."""
-        with self._guard, self.translating():
-            return self.session().first(statement, parameters)
+        """The first row of one statement on its own."""
+        with self.asking() as session:
+            return session.first(statement, parameters)
 
     def _roll_back(self, session: Session) -> None:
         try:
@@ -299,6 +319,32 @@ class Database:
             return StoreUnavailable(f"{store}: {reason}; what was committed before is intact")
         self._discard()
         return StoreUnavailable(f"{store}: {reason}; the next call connects anew")
+
+
+class _Asking:
+    """`Database.asking`, as a class: a generator would cost as much as the statement."""
+
+    __slots__ = ("_database",)
+
+    def __init__(self, database: Database) -> None:
+        self._database = database
+
+    def __enter__(self) -> Session:
+        database = self._database
+        database.guard.__enter__()
+        try:
+            return database.session()
+        except BaseException as error:
+            database.guard.__exit__(type(error), error, error.__traceback__)
+            raise
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._database.guard.__exit__(kind, error, trace)
+        if error is not None:
+            with self._database.translating():
+                raise error
 
 
 def make_engine(url: str | os.PathLike[str] | URL, *, busy_timeout: float = 30.0) -> Engine:

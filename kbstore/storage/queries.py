@@ -178,6 +178,12 @@ class AssertionQueries:
         )
         """The head of the knowledge base, and the latest row of one timeline that is not after :t."""
 
+        self.next_start = Statement(
+            f"SELECT initial_time FROM {table} WHERE {kb} AND timeline_id = :timeline AND initial_time > :t"
+            " AND end_time > initial_time ORDER BY initial_time LIMIT 1"
+        )
+        """When the next assertion on a timeline begins."""
+
         self.history = Statement(
             f"SELECT {recorded} FROM {table} WHERE {kb}"
             " AND timeline_id IN (SELECT value FROM EACH(ids AS bigint)) AND end_time > initial_time"

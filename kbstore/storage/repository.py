@@ -214,6 +214,14 @@ class Repository:
         statement = statements.standing if moment.number is None else statements.standing_as_of
         return self._standing(self._session.all(statement, self._place(moment)))
 
+    def point(self, timeline: Timeline, t: int) -> Standing | None:
+        """The assertion that stands on one timeline at a time."""
+        parameters = {"kb": self._kb, "timeline": timeline.id, "t": t}
+        row = self._session.first(queries.for_kind[timeline.kind].point, parameters)
+        if row is None or row[5] is None or row[5] <= t:
+            return None
+        return Standing(timeline, row[6], row[7:])
+
     def pending(self, kind: KnowledgeType, moment: Moment) -> list[Standing]:
         """What was scheduled at a place in the record, and takes effect after it."""
         statements = queries.for_kind[kind]
