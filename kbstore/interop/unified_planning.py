@@ -5,7 +5,7 @@ What has no counterpart there is refused, all of it in one error. Needs the extr
 """
 
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
@@ -43,8 +43,9 @@ def to_problem(state: "State", *, environment: Any = None) -> Any:
     """The planning problem at the time of a state, as a ``unified_planning.model.Problem``.
 
     Names are spelled as the domain spells them. Absent facts are false, also where they are unknown. Timed-initial
-    knowledge, and the at-end effects of what runs, become timed effects relative to the state's time. Recorded
-    inequalities are statements, and no part of a problem.
+    knowledge, and the end effects of what runs, become timed effects relative to the state's time; a function that
+    only running actions move stands still until their ends. Recorded inequalities are statements, and no part of a
+    problem.
 
     Args:
         state: what stands.
@@ -55,7 +56,7 @@ def to_problem(state: "State", *, environment: Any = None) -> Any:
     Raises:
         InvalidKnowledge: there is no domain, or something has no counterpart in unified_planning: derived
             predicates, preferences, constraints with deadlines, ``?duration`` where it is not fixed, objects that come
-            or go, functions that move at the state's time.
+            or go, functions that move by themselves.
         MissingLibrary: unified_planning is not installed.
     """
     if state.domain is None:
@@ -78,6 +79,9 @@ class _Translation:
                 environment.error_used_name = False
         self._environment = environment
         self._refusals = Refusals()
+        # what only running actions move rests at their ends, at a value that is among their end effects
+        last_rates = {item.key: item.rate for _, item, _ in state.end_effects if isinstance(item, Function)}
+        self._coming_to_rest = {function for function, rate in last_rates.items() if not rate}
         self._goals = [_goal_condition(goal, domain) for goal in state.goals]
         self._constraints: dict[str, Trajectory] = {}
         for text in state.constraints:
@@ -96,11 +100,8 @@ class _Translation:
             self._add_symbols()
             self._add_actions()
         self._set_initial_values()
-        for item in self._state.timed_knowledge:
-            with self._refusals.of(f"{item} at {isoformat(item.initial_time)}"):
-                self._add_timed(item, item.initial_time)
-        for t, item, run in self._state.end_effects:
-            with self._refusals.of(f"{item} at the end of {run}"):
+        for t, item, what in self._scheduled():
+            with self._refusals.of(what):
                 self._add_timed(item, t)
         for goal in self._goals:
             with self._refusals.of(f"the goal {condition_text(goal)}"):
@@ -169,6 +170,16 @@ class _Translation:
             with self._refusals.of(str(function)):
                 self._problem.set_initial_value(self._fluent(function), self._value(function))
 
+    def _scheduled(self) -> Iterable[tuple[int, KnowledgeItem, str]]:
+        """What takes effect later, and what it is; what several say of one thing and one time, the last one says."""
+        last: dict[tuple[object, ...], tuple[int, KnowledgeItem, str]] = {}
+        for item in self._state.timed_knowledge:
+            t = item.initial_time
+            last[_subject(item), t] = t, item, f"{item} at {isoformat(t)}"
+        for t, item, run in self._state.end_effects:
+            last[_subject(item), t] = t, item, f"{item} at the end of {run}"
+        return last.values()
+
     def _add_timed(self, item: KnowledgeItem, t: int) -> None:
         if isinstance(item, Inequality):
             return
@@ -183,7 +194,7 @@ class _Translation:
         return self._formulas.fact(atom) if isinstance(item, Fact) else self._formulas.function(atom)
 
     def _value(self, function: Function) -> Any:
-        if function.rate:
+        if function.rate and function.key not in self._coming_to_rest:
             raise InvalidKnowledge(
                 f"it moves by {format_number(function.rate)} per second, and the functions of a unified_planning"
                 " problem move by actions only; end what moves it, or assign it a value without a rate"
@@ -201,6 +212,11 @@ class _Translation:
             return metrics.MinimizeMakespan(self._environment)
         kind = metrics.MinimizeExpressionOnFinalState if minimize else metrics.MaximizeExpressionOnFinalState
         return kind(self._formulas.expression(expression), self._environment)
+
+
+def _subject(item: KnowledgeItem) -> tuple[object, ...]:
+    """What an item speaks of: a fact, a function, or itself."""
+    return (item.knowledge_type, *item.key) if isinstance(item, Fact | Function) else (str(item),)
 
 
 def _goal_condition(goal: Goal, domain: Domain) -> logic.Condition:

@@ -46,6 +46,33 @@ def test_what_runs_brings_its_end_effects():
     assert [str(effect) for effect in effects] == ["At(kenny, wp1) := true", "open := false"]
 
 
+def test_what_running_actions_move_comes_to_rest():
+    """O3, O4: a function that runs move stands still until their ends, where it has the values expected then."""
+    ends = [(20, "(= (battery kenny) 70)", "(go)"), (30, "(= (battery kenny) 65)", "(shine)")]
+    moving = state(init=["(= (battery kenny) 80)"], ends=ends)
+    moving.functions[0] = moving.functions[0].changed(rate=-1.0)
+    t, item, run = moving.end_effects[0]
+    moving.end_effects[0] = t, item.changed(rate=-0.5), run
+    problem = to_problem(moving)
+    battery = problem.fluent("battery")(problem.object("kenny"))
+    assert problem.initial_value(battery).constant_value() == 80
+    assert [(timing.delay, str(effect)) for timing, (effect,) in problem.timed_effects.items()] == [
+        (20, "battery(kenny) := 70"),
+        (30, "battery(kenny) := 65"),
+    ]
+    moving.end_effects.reverse()
+    with pytest.raises(InvalidKnowledge, match=r"moves by -1 per second"):
+        to_problem(moving)
+
+
+def test_the_last_word_about_one_thing_at_one_time_counts():
+    """V1: of what is said of one thing and one time, the later stands; an end effect comes after what is scheduled."""
+    ends = [(5, "(= (speed) 2)", "(go)"), (5, "(= (speed) 3)", "(go)"), (5, "(not (open))", "(go)")]
+    problem = to_problem(state(timed={5: "(open)"}, ends=ends))
+    ((_, effects),) = problem.timed_effects.items()
+    assert [str(effect) for effect in effects] == ["open := false", "speed := 3"]
+
+
 def test_goals_of_every_form():
     """C10: facts, negative facts, comparisons, and what is kept as a condition in PDDL."""
     goals = ["(visited wp0)", "(not (OPEN))", "(> (battery kenny) (+ (speed) 1))"]
