@@ -180,7 +180,7 @@ def _not_linear(numbers: Numbers, span: Span) -> NotLinear:
     moving = " and ".join(str(function) for function, n in numbers.items() if n.rate)
     return NotLinear(
         f"the comparison is not linear in time from {isoformat(span[0])} to {isoformat(span[1])}, where {moving} move "
-        "at a rate and are multiplied or divided by; ask for a span in which only one of them moves, or for a time"
+        "at a rate and are multiplied or divided by; ask for a span in which only one of them moves, or at single times"
     )
 
 

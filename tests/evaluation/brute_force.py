@@ -43,7 +43,8 @@ class NoValueError(Exception):
 
 def truth(condition: Condition, world: World, bindings: dict[str, str] | None = None) -> Truth:
     """The truth of a condition."""
-    table = derived_table(world) if world.domain else {}
+    rules = world.domain.rules if world.domain else {}
+    table = derived_table(world) if any(name in rules for name, _ in reads(condition, False)) else {}
     return TRUTHS[value(condition, world, bindings or {}, table)]
 
 

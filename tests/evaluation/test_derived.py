@@ -1,0 +1,237 @@
+import random
+from itertools import product
+
+import pytest
+from hypothesis import given, settings
+
+from kbstore.conditions import Evaluation, truth
+from kbstore.derived import strata
+from kbstore.domain import DerivedRule, Domain
+from kbstore.errors import InvalidKnowledge, UnknownSymbol
+from kbstore.logic import And, Atom, Comparison, Condition, Forall, Imply, Not, Or, Preference, Truism
+from kbstore.messages import ComparisonType, Truth
+from tests.evaluation import brute_force
+from tests.evaluation.strategies import DOMAIN, RULES, exists, forall, rule, worlds
+from tests.evaluation.worlds import World, signatures
+
+T, F, U = Truth.TRUE, Truth.FALSE, Truth.UNKNOWN
+
+
+def domain(*rules: DerivedRule, predicates: tuple[str, ...] = ()) -> Domain:
+    """A domain of nodes with rules, one declaration for each head, and further predicates."""
+    by_name: dict[str, tuple[DerivedRule, ...]] = {}
+    for each in rules:
+        by_name[each.head.name] = (*by_name.get(each.head.name, ()), each)
+    declared = {each.head.name: each.head for each in reversed(rules)}
+    return Domain(
+        "graph",
+        types={"node": "object", "leaf": "node"},
+        predicate_signatures={**signatures("edge a:node b:node", "marked n:node", *predicates), **declared},
+        function_signatures=signatures("cost n:node"),
+        rules=by_name,
+    )
+
+
+def graph(about: Domain, *edges: str, unknowns: bool = False, **facts: bool) -> World:
+    """Nodes a to e with the edges ``"ab"``."""
+    told = {f"edge {a} {b}": True for a, b in map(tuple, edges)} | {
+        f.replace("_", " "): sign for f, sign in facts.items()
+    }
+    return World(about, use_unknowns=unknowns, objects=dict.fromkeys("abcde", "node"), facts=told)
+
+
+EDGE_XY, REACH_XY = Atom("edge", ("?x", "?y")), Atom("reach", ("?x", "?y"))
+STEP = exists("z:node", And((Atom("edge", ("?x", "?z")), Atom("reach", ("?z", "?y")))))
+REACH = domain(rule("reach x:node y:node", Or((EDGE_XY, STEP))))
+
+
+@settings(max_examples=40, deadline=None)
+@given(worlds())
+def test_v9_every_derived_atom_of_random_worlds(world: World) -> None:
+    """V9: derived predicates are what the naive fixpoints of all ground rules say, in closed and open worlds."""
+    table = brute_force.derived_table(world)
+    evaluation = Evaluation(world)
+    for name in RULES:
+        parameters = DOMAIN.predicate_signatures[name].parameters
+        for row in product(*(world.objects(p.types) for p in parameters)):
+            expected = brute_force.TRUTHS[table.get((name, row), brute_force.FALSE)]
+            assert evaluation.truth(Atom(name, row)) is expected
+
+
+def test_v9_transitive_closure() -> None:
+    """V9: true if derivable, in a closed world false if not."""
+    world = graph(REACH, "ab", "bc", "de", "ed")
+    true = {pair for pair in product("abcde", repeat=2) if truth(Atom("reach", pair), world) is T}
+    assert true == set(map(tuple, ("ab", "bc", "ac", "de", "ed", "dd", "ee")))
+    assert truth(Atom("reach", ("c", "?")), world) is F
+    assert truth(Atom("reach", ("?", "c")), world) is T
+
+
+def test_v9_in_an_open_world_false_takes_a_proof() -> None:
+    """V9: false only if not derivable even where unknown is read as true."""
+    denied = {f"edge_{a}_{b}": False for a, b in product("abc", "de")}
+    world = graph(REACH, "ab", "bc", unknowns=True, **denied)
+    assert truth(Atom("reach", ("a", "c")), world) is T
+    assert truth(Atom("reach", ("c", "a")), world) is U
+    assert truth(Atom("reach", ("a", "d")), world) is F
+    assert truth(Not(Atom("reach", ("a", "d"))), world) is T
+    assert truth(Atom("reach", ("a", "?")), world) is T
+
+
+def test_v9_a_comparison_without_a_value_makes_unknown() -> None:
+    """V9, V5: in a closed world, too, what depends on an undefined function is unknown."""
+    cheap = Comparison(ComparisonType.LESS, (Atom("cost", ("?x",)),), (5.0,))
+    about = domain(
+        rule("good x:node", And((Atom("marked", ("?x",)), cheap))),
+        rule("some", exists("x:node", Atom("good", ("?x",)))),
+        rule("none", Not(Atom("some"))),
+    )
+    world = graph(about, marked_a=True, marked_b=True)
+    world.values = World(numbers={"cost b": 7.0, "cost c": 1.0}).values
+    assert [truth(Atom("good", (n,)), world) for n in "abc"] == [U, F, F]
+    assert [truth(Atom(name), world) for name in ("some", "none")] == [U, U]
+    world.values |= World(numbers={"cost a": 1.0}).values
+    assert [truth(Atom(name), world) for name in ("some", "none")] == [T, F]
+
+
+def test_v9_heads_range_over_the_types_of_rule_and_declaration() -> None:
+    """V9: a rule derives only what is of the types of its own head and of the predicate's declaration."""
+    about = domain(rule("p x:node", Or(())), rule("p x:leaf", Truism()), rule("p x", Atom("marked", ("?x",))))
+    world = World(about, objects={"a": "node", "b": "leaf", "c": "object"}, facts={"marked a": True, "marked c": True})
+    assert [truth(Atom("p", (n,)), world) for n in "abc"] == [T, T, F]
+
+
+def test_v9_rules_with_quantifiers_of_one_name() -> None:
+    """V9: variables of different quantifiers stay apart, whatever they are called."""
+    twice = And(
+        (exists("y:node", EDGE_XY), exists("y:node", Atom("edge", ("?y", "?x"))), Not(Atom("edge", ("?x", "?y"))))
+    )
+    about = domain(rule("inner x:node", exists("y:node", twice)), rule("loose x:node", Atom("edge", ("?x", "?y"))))
+    world = graph(about, "ab", "bc")
+    assert [n for n in "abcde" if truth(Atom("inner", (n,)), world) is T] == ["b"]
+    assert [n for n in "abcde" if truth(Atom("loose", (n,)), world) is T] == ["a", "b"]
+
+
+def test_v9_a_head_may_name_a_variable_twice() -> None:
+    """V9: the rule's arguments are then the same object."""
+    about = domain(rule("same x:node x:node", Atom("marked", ("?x",))), predicates=())
+    world = graph(about, marked_a=True)
+    assert truth(Atom("same", ("a", "a")), world) is T
+    assert truth(Atom("same", ("a", "b")), world) is F
+    assert truth(Atom("same", ("b", "b")), World(about, use_unknowns=True, objects={"a": "node", "b": "node"})) is U
+
+
+def test_v9_no_rules_and_no_arguments() -> None:
+    """V9: a predicate whose rules are never true is false, in an open world, too; heads may lack arguments."""
+    about = domain(rule("never", Or(())), rule("always", Preference("p", Truism())))
+    assert truth(Atom("never"), graph(about, unknowns=True)) is F
+    assert truth(Atom("always"), graph(about)) is T
+
+
+def test_v9_many_alternatives_in_one_rule() -> None:
+    """V9: a rule whose disjunctions multiply beyond measure is evaluated all the same."""
+    choice = Or((Atom("marked", ("?x",)), exists("z:node", And((Atom("edge", ("?x", "?z")), Atom("p", ("?z",)))))))
+    about = domain(rule("p x:node", And((choice,) * 12)))
+    world = graph(about, "ab", "bc", "de", marked_c=True)
+    assert [n for n in "abcde" if truth(Atom("p", (n,)), world) is T] == ["a", "b", "c"]
+
+
+@pytest.mark.parametrize("unknowns", [False, True])
+@pytest.mark.parametrize("density", [0.0, 0.02, 1.0])
+def test_v9_the_closure_of_200_nodes(density: float, unknowns: bool) -> None:
+    """V9: the rows of a random graph's closure are those of Warshall's algorithm, found without trying all triples."""
+    size, chance = 200, random.Random(7)
+    nodes = [f"n{i}" for i in range(size)]
+    successors = [{j for j in range(size) if j == i + 1 or chance.random() < density} for i in range(size)]
+    told = {f"edge n{i} n{j}": True for i in range(size) for j in successors[i]}
+    for k in range(size):
+        for i in range(size):
+            if k in successors[i]:
+                successors[i] |= successors[k]
+    world = World(REACH, use_unknowns=unknowns, objects=dict.fromkeys(nodes, "node"), facts=told)
+    certain, possible = Evaluation(world).derived.relations("reach")
+    assert set(certain) == {(nodes[i], nodes[j]) for i in range(size) for j in successors[i]}
+    assert len(possible) == (size * size if unknowns else len(certain))
+
+
+def test_only_what_is_asked_for_is_derived() -> None:
+    """A question derives the predicates that it names and those on which they depend."""
+    about = domain(
+        rule("reach x:node y:node", Or((EDGE_XY, STEP))),
+        rule("hit x:node", Atom("target", ("?x",))),
+        predicates=("target n:node",),
+    )
+    asked = []
+
+    class Counting(World):
+        def facts(self, name: str):  # type: ignore[no-untyped-def]
+            asked.append(name)
+            return super().facts(name)
+
+    world = Counting(about, objects={"a": "node"}, facts={"edge a a": True})
+    assert truth(Atom("reach", ("a", "a")), world) is T
+    assert asked == ["edge"]
+
+
+# -- strata ---------------------------------------------------------------------------------------------------
+
+
+def test_strata_come_in_the_order_of_evaluation() -> None:
+    """V9: each stratum depends on those before it; mutually recursive predicates share one."""
+    order = strata(DOMAIN)
+    assert sorted(map(sorted, order)) == [["calm"], ["even", "odd"], ["low"], ["reach"], ["stuck"]]
+    assert order.index(frozenset({"reach"})) < order.index(frozenset({"stuck"})) < order.index(frozenset({"calm"}))
+    assert order.index(frozenset({"low"})) < order.index(frozenset({"calm"}))
+
+
+P, Q = Atom("p", ("?x",)), Atom("q", ("?x",))
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        Not(Q),
+        Imply(Q, Truism()),
+        Not(And((Truism(), Or((Q, Truism()))))),
+        forall("y:node", Imply(Atom("q", ("?y",)), EDGE_XY)),
+    ],
+)
+def test_recursion_through_a_negation_is_refused(body: Condition) -> None:
+    """V9: rules must be stratified."""
+    about = domain(rule("p x:node", body), rule("q x:node", Or((Atom("marked", ("?x",)), P))))
+    with pytest.raises(InvalidKnowledge, match="p depends on itself through the negation of q"):
+        strata(about)
+    with pytest.raises(InvalidKnowledge, match="stratified"):
+        truth(Atom("p", ("a",)), graph(about))
+
+
+def test_recursion_through_two_negations_is_none_through_a_negation() -> None:
+    """V9: what is negated twice is used positively."""
+    about = domain(
+        rule(
+            "p x:node",
+            Not(And((Not(Atom("marked", ("?x",))), Not(exists("y:node", And((EDGE_XY, Atom("p", ("?y",))))))))),
+        )
+    )
+    assert strata(about) == [frozenset({"p"})]
+    world = graph(about, "ab", "bc", marked_c=True)
+    assert [n for n in "abcde" if truth(Atom("p", (n,)), world) is T] == ["a", "b", "c"]
+
+
+def test_a_long_chain_of_rules_is_no_deep_recursion() -> None:
+    """V9: 3,000 derived predicates, each from the next, do not reach Python's recursion limit."""
+    size = 3_000
+    chain = [rule(f"p{i}", Atom(f"p{i + 1}") if i < size - 1 else Truism()) for i in range(size)]
+    about = domain(*chain)
+    assert strata(about) == [frozenset({f"p{i}"}) for i in reversed(range(size))]
+    assert truth(Atom("p0"), World(about)) is T
+
+
+def test_rules_that_are_not_well_formed_are_refused() -> None:
+    """V8: an unknown symbol in a rule is refused when a derived predicate is asked for."""
+    about = domain(rule("p x:node", Truism()), rule("q x:node", Forall((), Atom("nothing", ("?x",)))))
+    with pytest.raises(UnknownSymbol, match="no predicate nothing"):
+        truth(Atom("p", ("a",)), graph(about))
+    wrong = Domain("d", predicate_signatures=signatures("p a b"), rules={"p": (rule("p a", Truism()),)})
+    with pytest.raises(InvalidKnowledge, match="declared as"):
+        truth(Atom("p", ("a", "b")), World(wrong))

@@ -1,0 +1,176 @@
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from kbstore.clock import SECOND
+from kbstore.errors import DivisionByZero, InvalidKnowledge, UndefinedFunction
+from kbstore.expressions import evaluate
+from kbstore.interpretation import Number
+from kbstore.logic import Atom, Expression
+from kbstore.messages import Operator, SpecialType
+from tests.evaluation.worlds import World
+
+ADD, SUB, MUL, DIV, MINUS = Operator.ADD, Operator.SUB, Operator.MUL, Operator.DIV, Operator.UMINUS
+BATTERY = Atom("Battery", ("Kenny",))
+NOWHERE = World()
+
+
+def infix(tokens: list) -> str:  # type: ignore[type-arg]
+    """The expression as Python source; a function is the variable of its name."""
+    token = tokens.pop(0)
+    if token is MINUS:
+        return f"(-{infix(tokens)})"
+    if isinstance(token, Operator):
+        return f"({infix(tokens)} {token.pddl} {infix(tokens)})"
+    return token.name if isinstance(token, Atom) else repr(token)
+
+
+FUNCTIONS = {"f": 3.0, "g": -0.1, "h": 0.0}
+LEAVES = st.one_of(st.floats(-1e6, 1e6), st.sampled_from([Atom(name) for name in FUNCTIONS]))
+
+
+def _combined(parts: st.SearchStrategy[Expression]) -> st.SearchStrategy[Expression]:
+    binary = st.tuples(st.sampled_from([ADD, SUB, MUL, DIV]), parts, parts).map(lambda t: (t[0], *t[1], *t[2]))
+    return st.one_of(binary, parts.map(lambda part: (MINUS, *part)))
+
+
+EXPRESSIONS = st.recursive(LEAVES.map(lambda leaf: (leaf,)), _combined, max_leaves=12)
+
+
+@pytest.mark.parametrize(
+    ("expression", "value"),
+    [
+        ((SUB, 5.0, 3.0), 2),
+        ((DIV, 6.0, 3.0), 2),
+        ((ADD, MUL, 2.0, 3.0, 4.0), 10),
+        ((MUL, ADD, 1.0, 2.0, ADD, 3.0, 4.0), 21),
+        ((SUB, ADD, 1.0, 2.0, 10.0), -7),
+        ((MINUS, 5.0), -5),
+        ((ADD, 1.0, MUL, 2.0, 3.0), 7),
+    ],
+)
+def test_the_seven_expressions_that_the_original_gets_wrong(expression: Expression, value: float) -> None:
+    """The last table of the rules: operands are read from left to right, in prefix order."""
+    assert evaluate(expression, NOWHERE) == value
+
+
+@given(EXPRESSIONS)
+def test_random_expressions_have_the_value_that_python_gives_them(expression: Expression) -> None:
+    """V5: arithmetic is that of IEEE doubles; division by zero and overflow are errors of their own."""
+    try:
+        expected = eval(infix(list(expression)), FUNCTIONS.copy())
+    except ZeroDivisionError:
+        expected = None
+    world = World(numbers=FUNCTIONS)
+    if expected is None:
+        with pytest.raises(DivisionByZero):
+            evaluate(expression, world)
+    elif math.isfinite(expected):
+        assert evaluate(expression, world) == expected
+    else:
+        with pytest.raises(InvalidKnowledge, match="overflow"):
+            evaluate(expression, world)
+
+
+def test_a_function_is_read_at_the_worlds_time() -> None:
+    """C7: the value at t is value + rate * ((t - initial_time) / 1e9)."""
+    world = World(time=4 * SECOND, numbers={"battery kenny": Number(80.0, -0.5, SECOND)})
+    assert evaluate((BATTERY,), world) == 80.0 - 0.5 * 3.0
+
+
+def test_variables_are_replaced_by_their_objects_whatever_the_case() -> None:
+    """D3: a variable stands for its object; names are compared without regard to case."""
+    world = World(numbers={"battery kenny": 7.0})
+    assert evaluate((Atom("battery", ("?R",)),), world, {"r": "Kenny"}) == 7.0
+
+
+def test_an_undefined_function_is_named_with_the_moment() -> None:
+    """V5: asked for its value, what is undefined is UndefinedFunction, never 0."""
+    with pytest.raises(UndefinedFunction, match=r"\(Battery Kenny\).*1970-01-01T00:00:12\.5Z"):
+        evaluate((ADD, 1.0, BATTERY), World(time=12_500_000_000))
+    with pytest.raises(UndefinedFunction, match=r"\(Battery kenny\)"):
+        evaluate((Atom("Battery", ("?r",)),), NOWHERE, {"r": "kenny"})
+
+
+@pytest.mark.parametrize(
+    ("expression", "divisor"),
+    [
+        ((DIV, ADD, 1.0, 2.0, BATTERY), r"\(Battery Kenny\)"),
+        ((ADD, 1.0, DIV, 1.0, 0.0), "by 0,"),
+        ((DIV, 1.0, SpecialType.DURATION), r"\?duration"),
+        ((DIV, 1.0, SUB, 2.0, 2.0), "an expression"),
+    ],
+)
+def test_a_division_by_zero_names_the_divisor(expression: Expression, divisor: str) -> None:
+    """V5: asked for its value, a division by zero is DivisionByZero."""
+    with pytest.raises(DivisionByZero, match=divisor):
+        evaluate(expression, World(numbers={"battery kenny": 0.0}), duration=0.0)
+
+
+@pytest.mark.parametrize(
+    ("token", "sentence"),
+    [
+        (SpecialType.HASHT, "#t has a value only in a continuous effect"),
+        (SpecialType.TOTAL_TIME, r"\(total-time\) has a value only in the metric"),
+        (SpecialType.DURATION, r"\?duration has a value only in an action"),
+    ],
+)
+def test_special_numbers_are_refused_where_they_have_no_meaning(token: SpecialType, sentence: str) -> None:
+    """A special number that nothing gives has no value, rather than 0."""
+    with pytest.raises(InvalidKnowledge, match=sentence):
+        evaluate((MUL, token, 2.0), NOWHERE)
+
+
+def test_special_numbers_have_the_value_that_is_given() -> None:
+    """``?duration`` and ``total-time`` are seconds that the caller gives."""
+    expression = (SUB, SpecialType.TOTAL_TIME, MUL, 2.0, SpecialType.DURATION)
+    assert evaluate(expression, NOWHERE, duration=1.5, total_time=10.0) == 7.0
+
+
+@pytest.mark.parametrize(
+    "expression",
+    [(MUL, 1e200, 1e200), (DIV, 1e300, 1e-300), (DIV, 1.0, MUL, 1e200, 1e200), (SUB, MUL, 1e200, -1e200, 1.0)],
+)
+def test_overflow_is_refused_even_if_the_result_were_finite(expression: Expression) -> None:
+    """C7: infinities and NaN are InvalidKnowledge; no step of an expression goes through one."""
+    with pytest.raises(InvalidKnowledge, match="overflow"):
+        evaluate(expression, NOWHERE)
+
+
+def test_a_function_that_has_moved_beyond_all_doubles_is_refused() -> None:
+    """C7: overflow is InvalidKnowledge, also where a rate leads there."""
+    with pytest.raises(InvalidKnowledge, match="overflow"):
+        evaluate((Atom("f"),), World(time=10 * SECOND, numbers={"f": Number(1e308, 1e308, 0)}))
+
+
+@pytest.mark.parametrize("token", [math.nan, math.inf, "5", None])
+def test_what_is_no_finite_number_is_refused(token: float) -> None:
+    """C7: NaN and infinities are InvalidKnowledge."""
+    with pytest.raises(InvalidKnowledge, match="write a finite number or a function"):
+        evaluate((ADD, 1.0, token), NOWHERE)
+
+
+@pytest.mark.parametrize("argument", ["?", "?r", ""])
+def test_a_wildcard_in_a_function_is_refused_with_advice(argument: str) -> None:
+    """V7: a number is read of one object; for any object say exists."""
+    with pytest.raises(InvalidKnowledge, match=r"say exists: \(exists \(\?[rx] - object\)"):
+        evaluate((Atom("battery", (argument,)),), NOWHERE, {"other": "kenny"})
+
+
+@pytest.mark.parametrize("expression", [(), (ADD, 1.0), (1.0, 2.0), (MINUS,), (ADD, ADD, 1.0, 2.0)])
+def test_tokens_that_are_no_expression_are_refused(expression: Expression) -> None:
+    """An expression is one expression in prefix order."""
+    with pytest.raises(InvalidKnowledge, match=r"prefix order|is empty"):
+        evaluate(expression, NOWHERE)
+
+
+def test_expressions_of_any_depth_and_length() -> None:
+    """No depth of nesting reaches Python's recursion limit: 100,000 operators one within the other."""
+    deep = (ADD, 1.0) * 100_000 + (Atom("f"),)
+    deep_left = (ADD,) * 100_000 + (Atom("f"),) + (1.0,) * 100_000
+    world = World(numbers={"f": 0.5})
+    assert evaluate(deep, world) == 100_000.5
+    assert evaluate(deep_left, world) == 100_000.5
+    assert evaluate((MINUS,) * 100_001 + (2.0,), world) == -2.0

@@ -1,0 +1,360 @@
+import random
+import time
+from itertools import pairwise
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from kbstore import when
+from kbstore.clock import SECOND
+from kbstore.conditions import truth
+from kbstore.errors import InvalidKnowledge, NotLinear, UnknownSymbol
+from kbstore.interpretation import Arguments, Number
+from kbstore.intervals import Intervals
+from kbstore.logic import And, Atom, Comparison, Condition, Defined, Expression, Imply, IsA, Not, Or, Same, Truism
+from kbstore.messages import ComparisonType, Operator, SpecialType, Truth
+from tests.evaluation import brute_force
+from tests.evaluation.strategies import (
+    DOMAIN,
+    FREE_OF_RULES,
+    OBJECTS,
+    conditions,
+    exists,
+    expressions,
+    forall,
+    histories,
+)
+from tests.evaluation.worlds import History
+
+T, F, U = Truth.TRUE, Truth.FALSE, Truth.UNKNOWN
+GREATER, LESS, LESSEQ, EQUALS = (
+    ComparisonType.GREATER,
+    ComparisonType.LESS,
+    ComparisonType.LESSEQ,
+    ComparisonType.EQUALS,
+)
+ADD, SUB, MUL, DIV, MINUS = Operator.ADD, Operator.SUB, Operator.MUL, Operator.DIV, Operator.UMINUS
+X, Y, TOTAL = Atom("level", ("r1",)), Atom("level", ("r2",)), Atom("total")
+FREE = Atom("free", ("p1",))
+
+
+def history(*, end: int = 100, unknowns: bool = False, **kwargs: object) -> History:
+    """A history over [0, end) in which all objects exist."""
+    given_pieces = {"objects": OBJECTS, **kwargs}
+    return History((0, end), DOMAIN, use_unknowns=unknowns, **given_pieces)  # type: ignore[arg-type]
+
+
+def moving(end: int, **numbers: Number) -> History:
+    """A history over [0, end) of x, y and total, each of which has one number throughout."""
+    names = {"x": "level r1", "y": "level r2", "total": "total"}
+    return history(end=end, numbers={names[k]: [(0, end, n)] for k, n in numbers.items()})
+
+
+def agrees(condition: Condition, course: History) -> bool:
+    """Whether the pieces fill the span, neighbours differ, and each has the truth of brute force at every time."""
+    pieces = when.truths(condition, course)
+    assert [pieces[0][0], *(end for _, end, _ in pieces)] == [*(start for start, _, _ in pieces), course.span[1]]
+    assert all(a[2] is not b[2] for a, b in pairwise(pieces))
+    assert when.intervals(condition, course) == [(start, end) for start, end, value in pieces if value is T]
+    found = [value for start, end, value in pieces for _ in range(start, end)]
+    return found == [brute_force.truth(condition, course.at(t)) for t in range(*course.span)]
+
+
+# -- against brute force --------------------------------------------------------------------------------------
+
+
+@settings(max_examples=60, deadline=None)
+@given(conditions(linear=True), histories())
+def test_when_agrees_with_brute_force_at_every_nanosecond(condition: Condition, course: History) -> None:
+    """Q4: any condition of V4 and V5, with derived predicates, over histories of a few nanoseconds."""
+    assert agrees(condition, course)
+
+
+@settings(max_examples=40, deadline=None)
+@given(conditions(linear=True, domain=FREE_OF_RULES), histories(domain=FREE_OF_RULES))
+def test_when_without_a_domain(condition: Condition, course: History) -> None:
+    """Q4, D2: the same on what is told without a domain."""
+    course.domain = None
+    assert agrees(condition, course)
+
+
+@settings(max_examples=60, deadline=None)
+@given(expressions(()), expressions(()), st.sampled_from(ComparisonType), histories())
+def test_any_comparison_is_right_or_not_linear(
+    left: Expression, right: Expression, comparison: ComparisonType, course: History
+) -> None:
+    """Q4: products and quotients of functions give the right answer, or NotLinear, never a wrong one."""
+    try:
+        assert agrees(Comparison(comparison, left, right), course)
+    except NotLinear as error:
+        assert "not linear in time" in str(error)  # noqa: PT017 - both outcomes are right
+
+
+@settings(max_examples=100, deadline=None)
+@given(
+    st.floats(-1e3, 1e3),
+    st.floats(-10, 10),
+    st.integers(0, 10**9),
+    st.floats(-1e3, 1e3),
+    st.sampled_from(ComparisonType),
+)
+def test_crossings_are_exact_to_the_nanosecond(
+    value: float, rate: float, since: int, bound: float, comparison: ComparisonType
+) -> None:
+    """Q4, V5: at the ends of each piece, and one nanosecond to each side, the moment's answer is the same."""
+    course = moving(2**61, x=Number(value, rate, since))
+    condition = Comparison(comparison, (X,), (bound,))
+    for start, end, found in when.truths(condition, course):
+        for t in (start, start + 1, (start + end) // 2, end - 2, end - 1):
+            if start <= t < end:
+                assert brute_force.truth(condition, course.at(t)) is found
+                assert truth(condition, when.moment(course, t)) is found
+
+
+@settings(max_examples=30, deadline=None)
+@given(conditions(), histories(), st.integers(0, 20))
+def test_a_moment_of_a_course_is_the_world_at_that_time(condition: Condition, course: History, t: int) -> None:
+    """Q4: `moment` gives what stands at one time of the span."""
+    t = course.span[0] + t % (course.span[1] - course.span[0])
+    view, world = when.moment(course, t), course.at(t)
+    assert truth(condition, view) is truth(condition, world)
+    for name in DOMAIN.predicate_signatures:
+        assert dict(view.facts(name)) == dict(world.facts(name))
+    assert [view.type_of(name) for name in OBJECTS] == [world.type_of(name) for name in OBJECTS]
+
+
+# -- facts ----------------------------------------------------------------------------------------------------
+
+
+def test_maximal_half_open_intervals() -> None:
+    """Q4: what meets is one interval, in the span only."""
+    course = history(facts={"free p1": [(0, 10, True), (10, 20, True), (20, 30, False), (40, 50, True)]})
+    assert when.intervals(FREE, course) == [(0, 20), (40, 50)]
+    assert when.intervals(Not(FREE), course) == [(20, 40), (50, 100)]
+    assert when.truths(FREE, course) == [(0, 20, T), (20, 40, F), (40, 50, T), (50, 100, F)]
+
+
+def test_v3_in_an_open_world_not_is_true_only_where_explicitly_false() -> None:
+    """V2, V3: absent is unknown."""
+    course = history(unknowns=True, facts={"free p1": [(10, 20, True), (20, 30, False)]})
+    assert when.truths(FREE, course) == [(0, 10, U), (10, 20, T), (20, 30, F), (30, 100, U)]
+    assert when.intervals(Not(FREE), course) == [(20, 30)]
+
+
+def test_v4_connectives_over_time() -> None:
+    """V4: conditions are true when their parts are."""
+    course = history(facts={"free p1": [(10, 30, True)], "free p2": [(20, 40, True)], "alarm": [(25, 27, True)]})
+    both = And((FREE, Atom("free", ("p2",)), Not(Atom("alarm"))))
+    assert when.intervals(both, course) == [(20, 25), (27, 30)]
+    assert when.intervals(Or((FREE, Atom("free", ("p2",)))), course) == [(10, 40)]
+    assert when.intervals(Imply(FREE, Atom("alarm")), course) == [(0, 10), (25, 27), (30, 100)]
+    assert when.intervals(Truism(), course) == [(0, 100)]
+    assert when.intervals(Or(()), course) == []
+
+
+def test_v4_quantifiers_respect_when_objects_exist() -> None:
+    """V4: at each time the objects that exist then; a constant always exists."""
+    objects = {"r1": [(0, 100, "robot")], "r2": [(20, 60, "robot"), (80, 90, "robot")]}
+    facts = {"at r1 home": [(0, 50, True)], "at r2 home": [(30, 60, True)]}
+    course = history(objects=objects, facts=facts)
+    assert when.intervals(forall("r:robot", Atom("at", ("?r", "home"))), course) == [(0, 20), (30, 50)]
+    assert when.intervals(exists("r:robot", Not(Atom("at", ("?r", "home")))), course) == [(20, 30), (50, 100)]
+    assert when.intervals(forall("r:robot d:dock", Atom("at", ("?r", "?d"))), course) == [(0, 20), (30, 50)]
+
+
+def test_v7_wildcards_over_time() -> None:
+    """V7: of any object at each time; false in an open world only while denied of all that exist."""
+    objects = {"r1": [(0, 100, "robot")], "r2": [(20, 60, "robot")]}
+    facts = {"at r1 home": [(0, 10, True), (10, 100, False)], "at r2 home": [(30, 50, False), (50, 60, True)]}
+    wild = Atom("at", ("?", "home"))
+    assert when.intervals(wild, history(objects=objects, facts=facts)) == [(0, 10), (50, 60)]
+    course = history(objects=objects, facts=facts, unknowns=True)
+    assert when.truths(wild, course) == [(0, 10, T), (10, 20, F), (20, 30, U), (30, 50, F), (50, 60, T), (60, 100, F)]
+
+
+def test_existence_equality_and_definedness_over_time() -> None:
+    """Q4, V8: what does not exist is of no type; a function is defined in its pieces."""
+    objects = {"p1": [(10, 20, "place"), (30, 40, "dock")]}
+    course = history(objects=objects, numbers={"total": [(5, 15, Number(1.0))]})
+    assert when.intervals(IsA("p1"), course) == [(10, 20), (30, 40)]
+    assert when.intervals(IsA("p1", "dock"), course) == [(30, 40)]
+    assert when.intervals(IsA("?", "place"), course) == [(0, 100)]
+    assert when.intervals(Same("ghost", "GHOST"), course) == [(0, 100)]
+    assert when.intervals(Defined(TOTAL), course) == [(5, 15)]
+
+
+def test_bindings_and_duration() -> None:
+    """Q4: free variables and `?duration` are given with the question."""
+    course = history(facts={"free p1": [(10, 20, True)]}, numbers={"total": [(0, 50, Number(3.0))]})
+    assert when.intervals(Atom("free", ("?X",)), course, {"x": "P1"}) == [(10, 20)]
+    longer = Comparison(GREATER, (SpecialType.DURATION,), (TOTAL,))
+    assert when.intervals(longer, course, duration=4.0) == [(0, 50)]
+    with pytest.raises(InvalidKnowledge, match=r"\?duration"):
+        when.intervals(longer, course)
+
+
+def test_questions_are_checked_and_an_empty_span_has_no_intervals() -> None:
+    """V8: unknown symbols are refused, over an empty span, too."""
+    course = history(end=0)
+    assert when.intervals(FREE, course) == []
+    assert isinstance(when.intervals(FREE, course), Intervals)
+    with pytest.raises(UnknownSymbol, match="no predicate flies"):
+        when.intervals(Or((Truism(), Atom("flies"))), course)
+
+
+def test_v8_derived_predicates_over_time() -> None:
+    """V9, V8: derived where its rules are; of what does not exist absent, unknown in an open world."""
+    objects = {"p1": [(0, 80, "place")], "p2": [(0, 100, "place")], "d1": [(0, 100, "dock")]}
+    facts = {"linked p1 p2": [(10, 40, True), (60, 80, True)], "linked p2 d1": [(30, 70, True)]}
+    reach = Atom("reach", ("p1", "d1"))
+    assert when.intervals(reach, history(objects=objects, facts=facts)) == [(30, 40), (60, 70)]
+    assert when.intervals(Atom("reach", ("?", "d1")), history(objects=objects, facts=facts)) == [(30, 70)]
+    assert when.truths(reach, history(objects=objects, facts=facts, unknowns=True)) == [
+        (0, 30, U), (30, 40, T), (40, 60, U), (60, 70, T), (70, 100, U),
+    ]  # fmt: skip
+
+
+def test_v9_a_derived_predicate_that_compares_changes_at_the_crossing() -> None:
+    """V9, Q4: between its facts' changes, too, a derived predicate is exact to the nanosecond."""
+    course = moving(10 * SECOND, x=Number(10.0, -1.0, 0), y=Number(50.0, 0.0, 0), total=Number(4.0, 0.5, 0))
+    # 10 - t < 4 + t / 2 from t = 4 on
+    assert when.intervals(Atom("low", ("r1",)), course) == [(4 * SECOND + 1, 10 * SECOND)]
+    assert when.intervals(exists("r:robot", Atom("low", ("?r",))), course) == [(4 * SECOND + 1, 10 * SECOND)]
+
+
+# -- comparisons that move ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("comparison", "left", "right", "expected"),
+    [
+        # x falls from 10 by 2 a second: it is 5 at 2.5 s
+        (GREATER, (X,), (5.0,), [(0, 2_500_000_000)]),
+        (ComparisonType.GREATEREQ, (X,), (5.0,), [(0, 2_500_000_001)]),
+        (EQUALS, (X,), (5.0,), [(2_500_000_000, 2_500_000_001)]),
+        (LESS, (X,), (5.0,), [(2_500_000_001, 10 * SECOND)]),
+        (LESSEQ, (X,), (5.0,), [(2_500_000_000, 10 * SECOND)]),
+        (LESS, (5.0,), (X,), [(0, 2_500_000_000)]),
+        (GREATER, (MUL, 2.0, X), (10.0,), [(0, 2_500_000_000)]),
+        (GREATER, (DIV, X, 2.0), (2.5,), [(0, 2_500_000_000)]),
+        (GREATER, (MINUS, X), (-5.0,), [(2_500_000_001, 10 * SECOND)]),
+        # y rises from 0 by 1 a second: they meet at 10 / 3 s, between two nanoseconds
+        (GREATER, (X,), (Y,), [(0, 3_333_333_334)]),
+        (EQUALS, (X,), (Y,), []),
+        (GREATER, (SUB, X, Y), (1.0,), [(0, 3 * SECOND)]),
+        (LESS, (ADD, X, MUL, 2.0, Y), (10.5,), [(0, 10 * SECOND)]),
+        # total stands still at 4
+        (GREATER, (MUL, X, TOTAL), (20.0,), [(0, 2_500_000_000)]),
+        (GREATER, (DIV, X, TOTAL), (1.25,), [(0, 2_500_000_000)]),
+        # what is not linear cancels out
+        (GREATER, (SUB, MUL, X, Y, MUL, Y, X), (-1.0,), [(0, 10 * SECOND)]),
+        (GREATER, (DIV, MUL, X, Y, Y), (5.0,), [(1, 2_500_000_000)]),
+        # 0 / x is 0, except at 5 s, where x is 0
+        (EQUALS, (DIV, 0.0, X), (0.0,), [(0, 5 * SECOND), (5 * SECOND + 1, 10 * SECOND)]),
+        (EQUALS, (DIV, 1.0, SUB, X, X), (0.0,), []),
+    ],
+)
+def test_q4_crossings_of_linear_expressions(
+    comparison: ComparisonType, left: Expression, right: Expression, expected: list[tuple[int, int]]
+) -> None:
+    """Q4: a comparison linear in time has its crossing solved; equality holds for single nanoseconds."""
+    course = moving(10 * SECOND, x=Number(10.0, -2.0, 0), y=Number(0.0, 1.0, 0), total=Number(4.0))
+    assert when.intervals(Comparison(comparison, left, right), course) == expected
+
+
+@pytest.mark.parametrize(
+    "expression",
+    [
+        (MUL, X, Y),
+        (MUL, X, X),
+        (DIV, 1.0, X),
+        (DIV, X, Y),
+        (DIV, ADD, X, 1.0, X),
+        (MUL, X, MUL, Y, MUL, X, MUL, X, Y),
+    ],
+)
+def test_q4_what_is_not_linear_is_refused(expression: Expression) -> None:
+    """Q4: two moving functions multiplied, or division by one, is NotLinear and names them."""
+    course = moving(10 * SECOND, x=Number(10.0, -2.0, 0), y=Number(0.0, 1.0, 0))
+    with pytest.raises(NotLinear, match=r"1970-01-01T00:00:00Z to 1970-01-01T00:00:10Z, where \(level r[12]\)"):
+        when.intervals(Comparison(GREATER, expression, (1.0,)), course)
+
+
+def test_q4_only_the_span_that_is_asked_for_must_be_linear() -> None:
+    """Q4: the product is linear while one of the functions rests or has no value."""
+    rest, rise = Number(2.0), Number(0.0, 1e9, 0)
+    product = Comparison(GREATER, (MUL, X, Y), (40.0,))
+    numbers = {"level r1": [(0, 50, rest), (50, 60, rise)], "level r2": [(0, 50, rise)]}
+    assert when.truths(product, history(numbers=numbers)) == [(0, 21, F), (21, 50, T), (50, 100, U)]
+
+
+def test_q4_a_function_of_many_pieces() -> None:
+    """Q4: each piece has its own crossing; undefined pieces are unknown; jumps count."""
+    pieces = [(0, 10, Number(5.0)), (10, 30, Number(20.0, -1e9, 10)), (40, 60, Number(0.0, 1e9, 38))]
+    course = history(numbers={"total": pieces})
+    low = Comparison(LESS, (TOTAL,), (10.0,))
+    assert when.truths(low, course) == [
+        (0, 10, T),
+        (10, 21, F),
+        (21, 30, T),
+        (30, 40, U),
+        (40, 48, T),
+        (48, 60, F),
+        (60, 100, U),
+    ]
+
+
+def test_q4_a_constant_comparison_is_one_piece() -> None:
+    """V5: numbers alone are compared as at a moment; without a value it is unknown throughout."""
+    course = history()
+    assert when.truths(Comparison(LESS, (1.0,), (2.0,)), course) == [(0, 100, T)]
+    assert when.truths(Comparison(LESS, (DIV, 1.0, 0.0), (2.0,)), course) == [(0, 100, U)]
+
+
+# -- how much is read, and how fast ---------------------------------------------------------------------------
+
+
+class Reading(History):
+    """A history that notes what is read of it."""
+
+    def __init__(self, *args: object, **kwargs: object) -> None:
+        super().__init__(*args, **kwargs)  # type: ignore[arg-type]
+        self.reads: list[str] = []
+
+    def signs(self, name: str, arguments: Arguments):  # type: ignore[no-untyped-def]
+        self.reads.append(" ".join((name, *arguments)))
+        return super().signs(name, arguments)
+
+    def all_signs(self, name: str):  # type: ignore[no-untyped-def]
+        self.reads.append(name)
+        return super().all_signs(name)
+
+
+def test_a_question_about_one_fact_reads_that_fact_only() -> None:
+    """Q4: it reads what the question needs; a predicate under a quantifier is read once, all of it."""
+    course = Reading((0, 100), DOMAIN, objects=OBJECTS, facts={"free p1": [(0, 5, True)], "free p2": [(3, 9, True)]})
+    assert when.intervals(And((FREE, Not(Not(FREE)))), course) == [(0, 5)]
+    assert course.reads == ["free p1"]
+    course.reads.clear()
+    assert when.intervals(forall("p:place", Imply(Atom("free", ("?p",)), FREE)), course) == [(0, 5), (9, 100)]
+    assert course.reads == ["free"]
+
+
+def test_ten_thousand_intervals_take_milliseconds() -> None:
+    """Q4: the time grows with the number of intervals, not with its square."""
+    size, chance = 10_000, random.Random(3)
+    cuts = sorted(chance.sample(range(10**6), 2 * size))
+    spans = list(zip(cuts[::2], cuts[1::2], strict=True))
+    facts = {"free p1": [(a, b, True) for a, b in spans], "free p2": [(a + 1, b + 1, True) for a, b in spans]}
+    course = history(end=10**6 + 2, facts=facts)
+    started = time.perf_counter()
+    assert when.intervals(FREE, course) == spans
+    assert time.perf_counter() - started < 0.5  # some 10 ms on an idle machine
+    assert agrees_at(And((FREE, Atom("free", ("p2",)))), course, chance.sample(range(10**6), 10))
+
+
+def agrees_at(condition: Condition, course: History, times: list[int]) -> bool:
+    """Whether intervals and brute force agree at some times."""
+    found = when.intervals(condition, course)
+    return all(any(a <= t < b for a, b in found) is (brute_force.truth(condition, course.at(t)) is T) for t in times)
