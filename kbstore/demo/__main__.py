@@ -1,0 +1,24 @@
+"""``python -m kbstore.demo [FILE]``."""
+
+import argparse
+import sys
+from pathlib import Path
+
+from kbstore.demo.tour import run
+from kbstore.errors import KbStoreError
+
+
+def main() -> int:
+    """Run the demonstration; the exit code."""
+    parser = argparse.ArgumentParser(prog="python -m kbstore.demo", description="A robot's morning, and questions.")
+    parser.add_argument("file", nargs="?", type=Path, help="the SQLite file to make (default: a new one here)")
+    try:
+        run(parser.parse_args().file)
+    except KbStoreError as error:
+        sys.stderr.write(f"{error}\n")
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

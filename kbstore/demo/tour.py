@@ -1,0 +1,186 @@
+"""The questions of the demonstration, and their answers on a terminal."""
+
+import sqlite3
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import closing
+from dataclasses import dataclass
+from itertools import count
+from pathlib import Path
+
+from rich.console import Console, RenderableType
+from rich.padding import Padding
+from rich.rule import Rule
+from rich.text import Text
+
+from kbstore.demo.mission import END, NAME, START, moment, record
+from kbstore.errors import StoreUnavailable
+from kbstore.knowledge_base import KnowledgeBase
+from kbstore.messages import format_number
+from kbstore.report import records, states
+from kbstore.report.moments import Moments
+from kbstore.report.tables import DIM, TITLE, sections, show, table
+
+WIDTH = 118
+"""Wide enough for every line of the answers; a narrower terminal folds them."""
+
+CHANGING = ("robot_at", "open", "carries", "parcel_at", "delivered", "docked", "undocked")
+"""The predicates that are not the building's map."""
+
+SQL = """\
+SELECT fact, substr(initial_time, 12, 8) AS since, substr(end_time, 12, 8) AS until, recorded_client
+FROM fact_history WHERE name = 'robot_at' ORDER BY initial_ns"""
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """A question, the Python that asks it, and what it shows."""
+
+    question: str
+    code: str
+    shown: RenderableType
+
+
+def tour(kb: KnowledgeBase) -> Iterator[Answer]:
+    """What no knowledge base that keeps only its current state can answer."""
+    at_end = Moments(kb.now(), brief=True)
+    alarm, before = moment("09:02:00"), moment("09:00:45")
+    yield Answer(
+        "What did it hold at 09:02:00, while the fire alarm was on?",
+        'kb.state(at="2026-05-04T09:02:00Z")',
+        past_state(kb, alarm),
+    )
+    yield Answer(
+        "Fifteen seconds before the alarm: what did it expect of 09:02:00, and what came?",
+        "kb.state(at=alarm, as_of=before)",
+        expectation(kb, alarm, before),
+    )
+    yield Answer(
+        "The life of one fact: who opened and closed the laboratory, and what was planned and cancelled?",
+        'kb.history("(open lab_door)")',
+        records.history_table(kb.history("(open lab_door)"), at_end),
+    )
+    yield Answer(
+        "What is different at 09:06:00 from 08:59:00?",
+        'kb.diff("2026-05-04T08:59:00Z", "2026-05-04T09:06:00Z")',
+        records.diff_view(kb.diff(moment("08:59:00"), moment("09:06:00"))),
+    )
+    yield Answer(
+        "When was the battery below 20 percent? It moves at a rate, so the answer is exact to the nanosecond.",
+        'kb.when("(< (battery kenny) 20)", since=start, until=end)',
+        records.intervals_table(kb.when("(< (battery kenny) 20)", START, END), at_end),
+    )
+    yield Answer(
+        "Why is the linen not in the office?",
+        'kb.explain("(parcel_at linen office)")',
+        records.explanation_tree(kb.explain("(parcel_at linen office)"), at_end),
+    )
+    yield Answer(
+        "Could kenny have passed the door at 09:02:00?",
+        'kb.applicable("pass_door", "kenny", "lab_door", "corridor", "lab", at=alarm)',
+        records.applicability_view(
+            "(pass_door kenny lab_door corridor lab)",
+            kb.applicable("pass_door", "kenny", "lab_door", "corridor", "lab", at=alarm),
+            Moments(alarm, brief=True),
+        ),
+    )
+    yield Answer(
+        "And the future: how long will the door still be open?",
+        'kb.when("(open lab_door)", since=kb.now(), until=kb.now() + seconds(3600))',
+        records.intervals_table(kb.when("(open lab_door)", END, END + 3600 * 10**9), at_end),
+    )
+
+
+def past_state(kb: KnowledgeBase, t: int) -> RenderableType:
+    """The state at a time, without the building's map, which never changes."""
+    state, moments = kb.state(at=t), Moments(t, brief=True)
+    changing = [fact for fact in state.facts if fact.attribute_name in CHANGING]
+    static = len(state.facts) - len(changing) + len(state.functions) - 1
+    battery = f"(battery kenny) is {format_number(state.value('(battery kenny)'))}"
+    return sections(
+        states.facts(changing, moments),
+        Text(f"{battery}; and {static} facts and numbers of the building, the same throughout", DIM),
+        states.scheduled(state, moments),
+        states.goals(state, moments),
+    )
+
+
+def expectation(kb: KnowledgeBase, t: int, believed_at: int) -> RenderableType:
+    """What was believed about a time beforehand, beside what came."""
+    belief, fact = kb.state(at=t, as_of=believed_at), kb.state(at=t)
+    conditions = ("(robot_at kenny lab)", "(robot_at kenny corridor)", "(open lab_door)")
+    rows = [(text, str(belief.truth(text)), str(fact.truth(text))) for text in conditions]
+    battery = [format_number(state.value("(battery kenny)")) for state in (belief, fact)]
+    rows.append(("(battery kenny)", battery[0], battery[1]))
+    return table("", ("at 09:02:00", "expected at 09:00:45", "what came"), rows)
+
+
+def present(kb: KnowledgeBase, file: Path, console: Console) -> None:
+    """The whole demonstration, for a mission that has been recorded in a file."""
+    moments = Moments(kb.now(), brief=True)
+    console.print(Text.assemble(("kbstore: a knowledge base that remembers", TITLE), "\n"))
+    console.print(
+        "Kenny, a porter robot, is to bring two parcels to the laboratory on the morning of 2026-05-04. One is\n"
+        "withdrawn, and a fire alarm closes the door in front of it. What its knowledge base was told, one line\n"
+        "a transaction:\n"
+    )
+    show(console, records.log_table((change.transaction for change in kb.changes()), moments))
+    for number, answer in enumerate(tour(kb), 1):
+        console.print()
+        show(console, Rule(Text(f"{number}. {answer.question}", TITLE), align="left", style=DIM))
+        console.print(Text(f">>> {answer.code}", DIM))
+        show(console, Padding(answer.shown, (1, 0, 0, 2)))
+    console.print()
+    show(console, Rule(Text("The file is yours to explore", TITLE), align="left", style=DIM))
+    closing_words(file, console)
+
+
+def closing_words(file: Path, console: Console) -> None:
+    """Where the file is, a statement to try in SQL with its answer, and commands to try."""
+    command = Path(sys.executable).with_name("kbstore")
+    if command.is_relative_to(Path.cwd()):
+        command = command.relative_to(Path.cwd())
+    store = f"{command} --url {file} --kb {NAME}"
+    with closing(sqlite3.connect(file)) as connection:
+        cursor = connection.execute(SQL)
+        headings = [column[0] for column in cursor.description]
+        rows = [tuple(str(cell or "") for cell in row) for row in cursor]
+    console.print(Text(f"{file}\n", TITLE), soft_wrap=True)
+    console.print("In SQL, with sqlite3 or any other client:\n")
+    show(console, Padding(Text(SQL, DIM), (0, 2)))
+    console.print()
+    show(console, Padding(table("", headings, rows), (0, 2)))
+    console.print("\nOn the command line:\n")
+    for arguments in (
+        "state --at 2026-05-04T09:02:00Z",
+        "explain '(carries kenny blood)'",
+        "export --at 2026-05-04T09:02:00Z",
+        "--help",
+    ):
+        console.print(Text(f"  {store if arguments != '--help' else command} {arguments}"), soft_wrap=True)
+
+
+def new_file() -> Path:
+    """A file that does not exist yet: in the current directory, or where that can't be written to, a temporary one."""
+    directory = Path.cwd()
+    try:
+        with tempfile.TemporaryFile(dir=directory):
+            pass
+    except OSError:
+        directory = Path(tempfile.mkdtemp(prefix="kbstore-demo-"))
+    names = ("kbstore-demo.db" if number == 1 else f"kbstore-demo-{number}.db" for number in count(1))
+    return next(path for name in names if not (path := directory / name).exists())
+
+
+def run(file: Path | None = None, console: Console | None = None) -> Path:
+    """Play the mission into a new file and show everything; returns the file. An existing file is refused."""
+    path = new_file() if file is None else file
+    if path.exists():
+        raise StoreUnavailable(f"{path} exists already; name a file that does not, the demonstration begins a new one")
+    shown = console or Console(highlight=False)
+    if shown.width > WIDTH or not shown.is_terminal:
+        shown.width = WIDTH
+    with record(f"sqlite:///{path}") as kb:
+        present(kb, path, shown)
+    return path

@@ -1,0 +1,143 @@
+"""The record, for reading: histories, transactions, differences, intervals, explanations."""
+
+from collections.abc import Iterable, Sequence
+
+from rich.console import Group, RenderableType
+from rich.text import Text
+from rich.tree import Tree
+
+from kbstore.intervals import Intervals
+from kbstore.messages import Condition, KnowledgeItem, format_number
+from kbstore.record import Applicability, Assertion, Change, Diff, Explanation, Transaction
+from kbstore.report.moments import Moments, span
+from kbstore.report.tables import DIM, FALSE, TITLE, plural, table
+
+
+def history_table(assertions: Sequence[Assertion], moments: Moments) -> RenderableType:
+    """Assertions in order of time: from when to when they stood, who said so, and who ended or cancelled it."""
+    rows = [
+        (
+            item_text(found.item),
+            moments.absolute(found.initial_time),
+            moments.absolute(found.end_time) if found.cancelled is None else Text("cancelled", FALSE),
+            span(found.end_time - found.initial_time) if found.end_time is not None and not found.cancelled else "",
+            by(found.recorded, moments, found.initial_time),
+            outcome(found, moments),
+        )
+        for found in assertions
+    ]
+    return table("", ("knowledge", "from", "until", ">for", "recorded", "ended or cancelled"), rows)
+
+
+def outcome(found: Assertion, moments: Moments) -> str:
+    """Which transaction ended an assertion, or cancelled it before it took effect."""
+    if found.cancelled is not None:
+        return by(found.cancelled, moments)
+    return "" if found.ended is None else by(found.ended, moments, found.end_time)
+
+
+def by(transaction: Transaction, moments: Moments, beside: int | None = None) -> str:
+    """A transaction in a few words: its number, its client, its time (unless that stands `beside` it)."""
+    client = f" by {transaction.client}" if transaction.client else ""
+    time = "" if transaction.time == beside else f" at {moments.absolute(transaction.time)}"
+    return f"#{transaction.number}{client}{time}"
+
+
+def log_table(transactions: Iterable[Transaction], moments: Moments) -> RenderableType:
+    """Transactions, one a line."""
+    rows = [(f"#{tx.number}", moments.absolute(tx.time), tx.client, tx.note, str(tx.changes)) for tx in transactions]
+    return table("", (">", "time", "client", "note", ">changes"), rows)
+
+
+def change_view(change: Change, moments: Moments) -> RenderableType:
+    """What one transaction did, or what took effect by the clock: ``+`` asserted, ``-`` ended, ``x`` cancelled."""
+    if change.time != change.transaction.time:
+        title = Text(f"{moments.absolute(change.time)} by the clock", TITLE)
+    else:
+        title = Text(by(change.transaction, moments), TITLE)
+        if change.transaction.note:
+            title.append(f"  {change.transaction.note}", "not bold")
+    lines = [title]
+    for sign, found in (("+", change.asserted), ("-", change.ended), ("x", change.cancelled)):
+        for assertion in found:
+            line = Text(f"  {sign} ").append_text(item_text(assertion.item))
+            if sign != "-" and assertion.initial_time > change.time:
+                line.append(f"  for {moments.absolute(assertion.initial_time)}", DIM)
+            lines.append(line)
+    return Group(*lines)
+
+
+def diff_view(diff: Diff) -> RenderableType:
+    """What differs between two times, one thing a line."""
+    rows: list[tuple[str, Text | str]] = []
+    for what, items in (
+        ("became true", diff.became_true),
+        ("became false", diff.became_false),
+        ("withdrawn", diff.withdrawn),
+        ("goal added", diff.goals_added),
+        ("goal removed", diff.goals_removed),
+    ):
+        rows += [(what, item_text(item)) for item in items]
+    rows += [
+        ("changed", f"{function.atom} from {_number(before)} to {_number(after)}")
+        for function, before, after in diff.numbers
+    ]
+    if diff.metric:
+        before, after = diff.metric
+        rows.append(("metric", f"from {before or 'none'} to {after or 'none'}"))
+    return table("", ("what", "knowledge"), rows) if rows else Text("no difference")
+
+
+def intervals_table(found: Intervals, moments: Moments) -> RenderableType:
+    """The intervals in which a condition is true, and how long altogether."""
+    if not found:
+        return Text("never true in that span")
+    rows = [(moments.absolute(start), moments.absolute(end), span(end - start)) for start, end in found]
+    total = Text(f"true for {span(found.total)} altogether, in {plural(len(found), 'interval')}", DIM)
+    return Group(table("", ("from", "until", ">for"), rows), total)
+
+
+def explanation_tree(explanation: Explanation, moments: Moments) -> RenderableType:
+    """An explanation with the parts that decide it below."""
+    root = Tree(_explanation_line(explanation, moments))
+    waiting = [(root, part) for part in reversed(explanation.parts)]
+    while waiting:
+        above, part = waiting.pop()
+        node = above.add(_explanation_line(part, moments))
+        waiting += [(node, inner) for inner in reversed(part.parts)]
+    return root
+
+
+def _explanation_line(explanation: Explanation, moments: Moments) -> Text:
+    line = Text(f"{explanation.subject} is {explanation.truth}: ")
+    if [part.reason for part in explanation.parts] == [explanation.reason]:
+        return line.append("because", TITLE)
+    line.append(explanation.reason, TITLE)
+    if explanation.since is not None:
+        line.append(f" since {moments.absolute(explanation.since)} ({moments.relative(explanation.since)})")
+    if explanation.transaction is not None:
+        line.append(f", {by(explanation.transaction, moments, explanation.since)}")
+        if explanation.transaction.note:
+            line.append(f" ({explanation.transaction.note})")
+    return line
+
+
+def applicability_view(action: str, answer: Applicability, moments: Moments) -> RenderableType:
+    """Whether an action can be applied, and what stands against it."""
+    if answer:
+        return Text(f"{action} is applicable")
+    lines = [Text(f"{action} is not applicable:")]
+    for failing in answer.failing:
+        since = "" if failing.since is None else f" since {moments.absolute(failing.since)}"
+        ago = "" if failing.since is None else f" ({moments.relative(failing.since)})"
+        lines.append(Text(f"  {failing.condition} is {failing.truth}{since}{ago}"))
+    return Group(*lines)
+
+
+def item_text(item: KnowledgeItem | Condition) -> Text:
+    """An item in PDDL, marked where it is explicitly false."""
+    return Text(str(item), FALSE if getattr(item, "is_negative", False) else "")
+
+
+def _number(value: float | None) -> str:
+    return "undefined" if value is None else format_number(value)
