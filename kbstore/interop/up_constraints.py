@@ -15,13 +15,13 @@ from kbstore.pddl.sexpr import Group, Source, node_text
 from kbstore.pddl.typed_lists import bound
 
 _MAKERS = {
-    "always": ("Always", 1),
-    "sometime": ("Sometime", 1),
-    "at-most-once": ("AtMostOnce", 1),
-    "sometime-before": ("SometimeBefore", 2),
-    "sometime-after": ("SometimeAfter", 2),
+    "always": "Always",
+    "sometime": "Sometime",
+    "at-most-once": "AtMostOnce",
+    "sometime-before": "SometimeBefore",
+    "sometime-after": "SometimeAfter",
 }
-"""The words that unified_planning has, its names for them, and how many conditions they take."""
+"""The words that unified_planning has, and its names for them."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,10 @@ class Trajectory:
 
 
 def read_constraint(text: str, domain: Domain) -> Trajectory:
-    """The constraint that a text says. Raises `InvalidKnowledge` for one that unified_planning has no word for."""
+    """The constraint that a text, which has been read before, says.
+
+    Raises `InvalidKnowledge` for one that unified_planning has no word for.
+    """
     source = Source(text)
     reader = ConditionReader(Context(source, domain))
     top = source.read()
@@ -49,7 +52,7 @@ def _read(reader: ConditionReader, group: Group, variables: Variables) -> Trajec
     if word == "forall":
         parameters, part = reader.quantified(group)
         return Trajectory(word, (_read(reader, part, bound(variables, parameters)),), parameters)
-    if word not in _MAKERS or len(parts) != _MAKERS[word][1]:
+    if word not in _MAKERS:
         raise InvalidKnowledge(
             f"{node_text(group, 60)} has no counterpart in unified_planning; it has {', '.join(_MAKERS)}"
         )
@@ -60,9 +63,10 @@ def translated(constraint: Trajectory, formulas: Formulas, scope: Scope = NOTHIN
     """The constraint as an expression of unified_planning."""
     make = formulas.symbols.environment.expression_manager
     if constraint.word in _MAKERS:
-        name, _ = _MAKERS[constraint.word]
         conditions = [part for part in constraint.parts if not isinstance(part, Trajectory)]
-        return getattr(make, name)(*(formulas.condition(condition, scope) for condition in conditions))
+        return getattr(make, _MAKERS[constraint.word])(
+            *(formulas.condition(condition, scope) for condition in conditions)
+        )
     each = list(formulas.bound(constraint.parameters, scope)) if constraint.word == "forall" else [([], scope)]
     parts = [part for part in constraint.parts if isinstance(part, Trajectory)]
     return make.And(

@@ -94,7 +94,8 @@ def test_the_moments_of_a_durative_action():
         """(:durative-action act :parameters (?m - mover ?p - place) :duration (= ?duration (speed))
           :condition (and (at start (open)) (over all (at ?m ?p)) (at end (visited ?p)))
           :effect (and (at start (not (open))) (at end (open)) (at end (scale-down (battery ?m) 2))
-            (increase (total-cost) (* #t (speed))) (decrease (dist ?p depot) (* #t 2))))"""
+            (increase (total-cost) (* #t (speed))) (decrease (dist ?p depot) (* #t 2))
+            (decrease (battery ?m) (* #t (speed)))))"""
     )
     fluent, start, end = problem.fluent, StartTiming(), EndTiming()
     expected = DurativeAction("act", OrderedDict(m=problem.user_type("mover"), p=problem.user_type("place")))
@@ -112,6 +113,7 @@ def test_the_moments_of_a_durative_action():
     assert loss.is_continuous_increase()
     assert loss.value.constant_value() == -2
     expected.add_increase_continuous_effect(whole, fluent("dist")(p, problem.object("Depot")), -2)
+    expected.add_decrease_continuous_effect(whole, fluent("battery")(m), fluent("speed"))
     assert found == expected
 
 
@@ -147,6 +149,38 @@ def test_a_fixed_duration_is_written_out():
     assert condition == GE(battery, twice)
     assert found.effects[StartTiming()][0].value == twice
     assert found.effects[EndTiming()][0].value == twice
+
+
+def test_a_fixed_duration_that_changes_is_known_at_the_start():
+    """At the start the functions of a fixed duration are those that it is made of, whatever changes them later."""
+    _, found = translate(
+        """(:durative-action act :parameters () :duration (= ?duration (speed)) :condition ()
+          :effect (and (at start (increase (total-cost) ?duration)) (at end (assign (speed) 1))))"""
+    )
+    assert str(found.effects[StartTiming()][0].value) == "speed"
+
+
+def test_a_fixed_duration_that_is_scheduled_to_change_is_not_known_at_the_end():
+    """Timed knowledge changes functions as operators do."""
+    act = """(:durative-action act :parameters () :duration (= ?duration (speed)) :condition ()
+      :effect (at end (increase (total-cost) ?duration)))"""
+    translate(act)
+    with pytest.raises(InvalidKnowledge, match=r"\?duration"):
+        translate(act, timed={5: "(= (speed) 1)"})
+
+
+def test_effects_nest():
+    """All the conditions and all the variables around an effect belong to it."""
+    problem, found = translate(
+        """(:action act :parameters () :effect (forall (?p - place) (when (visited ?p)
+          (forall (?q - place) (when (path ?p ?q) (not (path ?q ?p)))))))"""
+    )
+    p, q = (Variable(name, problem.user_type("place")) for name in "pq")
+    (effect,) = found.effects
+    path = problem.fluent("path")
+    assert effect.condition == And(problem.fluent("visited")(p), path(p, q))
+    assert effect.forall == (p, q)
+    assert (effect.fluent, effect.value.is_false()) == (path(q, p), True)
 
 
 def test_parameters_of_an_either_type_are_narrowed():

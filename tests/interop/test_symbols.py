@@ -6,6 +6,7 @@ import pytest
 
 from kbstore.errors import InvalidKnowledge
 from kbstore.interop.unified_planning import to_problem
+from kbstore.messages import Condition
 from tests.interop.states import state
 
 UNTYPED = """
@@ -31,6 +32,8 @@ def test_the_type_object_is_made_where_something_is_of_it():
     quantified = "(:action a :parameters () :precondition (exists (?x - object) (= ?x ?x)) :effect (open))"
     assert to_problem(state(quantified)).has_type("object")
     assert to_problem(state(objects="thing - object")).has_type("object")
+    assert to_problem(state(goals=[Condition(text="(exists (?x - object) (= ?x wp0))")])).has_type("object")
+    assert to_problem(state(constraints=["(forall (?x - object) (always (open)))"])).has_type("object")
 
 
 def test_untyped_domains_are_of_objects():
