@@ -30,7 +30,7 @@ DOMAINS = (
 def weighted(*choices):
     """One of several strategies, each as often as its weight says (`one_of` counts equal ones once)."""
     strategies = [strategy for weight, strategy in choices for _ in range(weight)]
-    return st.sampled_from(range(len(strategies))).flatmap(strategies.__getitem__)
+    return st.sampled_from(range(len(strategies))).flatmap(lambda place: strategies[place])
 
 
 delays = st.sampled_from([0, 0, 0, 0, 1, 2, 3, 4, 6, 9, SECOND, -1])
