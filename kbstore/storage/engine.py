@@ -75,6 +75,15 @@ class Session:
         rows: list[Row] = self._execute(text, parameters).fetchall()
         return rows
 
+    def stream(self, statement: Statement, parameters: Parameters) -> Iterator[Row]:
+        """The rows one after another, without holding all of them in memory; within a transaction."""
+        if self._sqlite:
+            yield from self._execute(statement.sqlite, parameters)
+            return
+        with self.driver.cursor(name="kbstore_rows") as cursor:
+            cursor.itersize = 2000
+            yield from cursor.execute(statement.postgresql, parameters)
+
     def first(self, statement: Statement, parameters: Parameters) -> Row | None:
         """The first row, if any."""
         text = statement.sqlite if self._sqlite else statement.postgresql
