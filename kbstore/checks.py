@@ -145,7 +145,7 @@ class Checks:
             self._vocabulary.ordered(kind, atom.name, atom.arguments, ())
             signature = self._vocabulary.signature(kind, atom.name)
         except KbStoreError as error:
-            yield from violations_of(error)
+            yield from violations_of(error, atom)
             return
         types = [p.types for p in signature.parameters] if signature else [("object",)] * len(atom.arguments)
         ground = [
@@ -161,9 +161,11 @@ class Checks:
                 yield from self.objects(term, [term], [("object",)], t)
 
 
-def violations_of(error: KbStoreError) -> tuple[str, ...]:
-    """The sentences of an error that is one of the violations of a transaction."""
-    return error.violations if isinstance(error, InvalidKnowledge) else (str(error),)
+def violations_of(error: KbStoreError, about: object) -> tuple[str, ...]:
+    """The sentences of an error that is one of the violations of a transaction, each naming what it is about."""
+    sentences = error.violations if isinstance(error, InvalidKnowledge) else (str(error),)
+    text = str(about)
+    return tuple(sentence if text in sentence else f"{text:.200}: {sentence}" for sentence in sentences)
 
 
 def _expected(allowed: Sequence[str]) -> str:

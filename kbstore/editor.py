@@ -169,7 +169,7 @@ class Editor:
         try:
             formula = condition_of(item.changed(is_negative=False), self._vocabulary.domain)
         except KbStoreError as error:
-            return violations_of(error)
+            return violations_of(error, item)
         track = self._formula_track(formula, role, KnowledgeType.INEQUALITY, t)
         if not isinstance(track, Track):
             return track
@@ -182,7 +182,7 @@ class Editor:
         try:
             formula = parse_condition(text, self._vocabulary.domain)
         except KbStoreError as error:
-            return violations_of(error)
+            return violations_of(error, text)
         track = self._formula_track(formula, role, KnowledgeType.EXPRESSION, t)
         if not isinstance(track, Track):
             return track
@@ -209,7 +209,7 @@ class Editor:
         try:
             name, arguments = self._vocabulary.ordered(kind, item.attribute_name, item.arguments, item.labels)
         except KbStoreError as error:
-            return violations_of(error)
+            return violations_of(error, item)
         violations = list(self._checks.atom(kind, name, arguments, t))
         if violations:
             return violations
@@ -355,7 +355,7 @@ class Editor:
         try:
             name, arguments = self._vocabulary.ordered(kind, item.attribute_name, item.arguments, item.labels)
         except KbStoreError as error:
-            return violations_of(error)
+            return violations_of(error, item)
         wanted = (key(name), *map(key, arguments))
         domain = self._vocabulary.domain
         if role is Role.STATE and domain is not None and domain.is_derived(name):
@@ -395,7 +395,7 @@ class Editor:
         try:
             formula = condition_of(item.changed(is_negative=False), self._vocabulary.domain)
         except KbStoreError as error:
-            return violations_of(error)
+            return violations_of(error, item)
         track = self._draft.known(Identity(role, KnowledgeType.INEQUALITY, key(condition_text(formula))))
         if track is not None:
             self._take_away([track], lambda value: bool(value[0]) == item.is_negative, t)
@@ -405,7 +405,7 @@ class Editor:
         try:
             formula = parse_condition(text, self._vocabulary.domain)
         except KbStoreError as error:
-            return violations_of(error)
+            return violations_of(error, text)
         track = self._draft.known(Identity(Role.GOAL, KnowledgeType.EXPRESSION, key(condition_text(formula))))
         if track is not None:
             self._take_away([track], lambda value: True, t)

@@ -19,8 +19,8 @@ class InvalidKnowledge(KbStoreError, ValueError):
     """
 
     def __init__(self, *violations: str) -> None:
-        self.violations: tuple[str, ...] = violations
-        super().__init__(_listed(violations))
+        self.violations: tuple[str, ...] = tuple(map(_shortened, violations))
+        super().__init__(_listed(self.violations))
 
 
 class InvalidTime(KbStoreError, ValueError):
@@ -102,6 +102,13 @@ def _listed(violations: Sequence[str]) -> str:
     if len(violations) == 1:
         return violations[0]
     return f"{len(violations)} violations:\n" + "\n".join(f"  - {violation}" for violation in violations)
+
+
+def _shortened(sentence: str, length: int = 800) -> str:
+    """A sentence about a very long text, without the middle of it."""
+    if len(sentence) <= length:
+        return sentence
+    return f"{sentence[: length // 2]} ... {sentence[-length // 2 :]}"
 
 
 def _quoted(text_line: str, column: int, width: int = 100) -> str:

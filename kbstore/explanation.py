@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 from kbstore import conditions, logic
+from kbstore.clock import OPEN
 from kbstore.history import History
 from kbstore.messages import KnowledgeType, Truth
 from kbstore.names import is_wildcard, key
@@ -11,7 +12,7 @@ from kbstore.questions import Question, as_condition
 from kbstore.reading import Reader
 from kbstore.record import Explanation
 from kbstore.state import State
-from kbstore.storage.repository import Recorded, Repository
+from kbstore.storage.repository import Moment, Recorded, Repository
 from kbstore.timelines import EndCause, Role
 from kbstore.vocabulary import Vocabulary
 
@@ -108,13 +109,30 @@ class Explainer:
         if timeline is None:
             return ()
         first = repository.latest_start(timeline, state.at)
-        rows = repository.history(kind, [timeline], first, state.at + 1)
-        numbers = self._history.transactions(repository, {row.recorded for row in rows})
-        believed = state.at if state.as_of is None else state.as_of
-        known = [row for row in rows if row.cancelled is None]
-        if state.as_of is not None:
-            known = [row for row in known if numbers[row.recorded].time <= believed]
+        rows = repository.history(kind, [timeline], first if state.belief is None else 0, state.at + 1)
+        if state.belief is None:
+            known = [row for row in rows if row.cancelled is None]
+        else:
+            known = self._believed(repository, state.belief, rows)
         return sorted(known, key=lambda row: (row.initial_time, row.recorded))
+
+    def _believed(self, repository: Repository, belief: Moment, rows: Sequence[Recorded]) -> list[Recorded]:
+        """The rows as they were at the moment of a belief: what was ended or cancelled later, was not yet."""
+        numbers = {number for row in rows for number in (row.recorded, row.ended, row.cancelled) if number}
+        transactions = self._history.transactions(repository, numbers)
+
+        def had_been(number: int | None) -> bool:
+            if number is None:
+                return False
+            if belief.number is not None:
+                return number <= belief.number
+            return transactions[number].time <= belief.time
+
+        known = [row for row in rows if had_been(row.recorded) and not had_been(row.cancelled)]
+        return [
+            row if row.cancelled is None and (row.ended is None or had_been(row.ended)) else row._replace(end_time=OPEN)
+            for row in known
+        ]
 
     def _of_row(
         self, repository: Repository, state: State, text: str, truth: Truth, rows: Sequence[Recorded], absent: str

@@ -35,7 +35,7 @@ def _misfits(domain: Domain, checks: Checks, track: Track, t: int, value: Value)
             try:
                 Vocabulary(domain).ordered(timeline.kind, timeline.name, timeline.arguments, ())
             except KbStoreError as error:
-                return [f"({timeline.spelling}): {sentence}" for sentence in violations_of(error)]
+                return violations_of(error, f"({timeline.spelling})")
             if timeline.role is Role.STATE and timeline.kind is KnowledgeType.FACT and domain.is_derived(timeline.name):
                 return [f"({timeline.spelling}) is stated, but {timeline.name} is derived in the domain {domain.name}"]
             return checks.atom(timeline.kind, timeline.name, timeline.arguments, t)
@@ -47,7 +47,7 @@ def _misfits(domain: Domain, checks: Checks, track: Track, t: int, value: Value)
             try:
                 return list(checks.condition(parse_condition(timeline.spelling, domain), t))
             except KbStoreError as error:
-                return [f"{timeline.spelling}: {sentence}" for sentence in violations_of(error)]
+                return violations_of(error, timeline.spelling)
 
 
 def _object_misfits(domain: Domain, name: str, value: Value) -> Iterator[str]:

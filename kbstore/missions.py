@@ -65,8 +65,11 @@ class Mission:
         action = _grounded(state, operator, arguments)
         if action.action.durative:
             raise NotApplicable(f"{action} takes time; start() it, and end() it when it is done")
+        if not operators.failing(action, Moment.AT_START, state.snapshot):
+            # a number that an effect cannot be reckoned with has an error of its own
+            found = effects.evaluate(action, Moment.AT_START, state.snapshot)
         _refuse(action, applicability(state, operator, arguments))
-        self._carry_out(editor, effects.evaluate(action, Moment.AT_START, state.snapshot), state)
+        self._carry_out(editor, found, state)
 
     def start(self, state: State, editor: Editor, operator: str, arguments: Sequence[str], duration: object) -> Run:
         """Start a durative action."""
@@ -78,9 +81,10 @@ class Mission:
         if running is not None:
             raise NotApplicable(f"{action} runs already, since {clock.isoformat(running.run.started)}; end it first")
         seconds = length / SECOND
+        if not operators.failing(action, Moment.AT_START, state.snapshot, duration=seconds):
+            found = effects.evaluate(action, Moment.AT_START, state.snapshot, duration=seconds)
+            continuous = effects.evaluate(action, Moment.OVER_ALL, state.snapshot, duration=seconds).rates
         _refuse(action, applicability(state, operator, arguments, duration=seconds))
-        found = effects.evaluate(action, Moment.AT_START, state.snapshot, duration=seconds)
-        continuous = effects.evaluate(action, Moment.OVER_ALL, state.snapshot, duration=seconds).rates
         self._carry_out(editor, found, state)
         rates = tuple(
             (editor.track_of(KnowledgeType.FUNCTION, function).timeline, rate) for function, rate in continuous

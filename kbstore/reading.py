@@ -201,7 +201,7 @@ class Reader:
         """The state that a picture shows."""
         return State(
             at=picture.place.at,
-            as_of=None if as_of is None else picture.place.belief.time,
+            belief=None if as_of is None else picture.place.belief,
             name=self.name,
             rows=picture.rows,
             pending=picture.pending,

@@ -26,6 +26,7 @@ from kbstore.projection import Mentions, Projection, Running
 from kbstore.questions import Question, as_condition, as_expression, as_item
 from kbstore.record import QueryResult, Run
 from kbstore.snapshot import Row, Snapshot
+from kbstore.storage.repository import Moment
 from kbstore.timelines import Role
 from kbstore.vocabulary import Vocabulary
 
@@ -54,7 +55,7 @@ class State:
         self,
         *,
         at: int,
-        as_of: int | None,
+        belief: Moment | None,
         name: str,
         rows: list[Row],
         pending: list[Row],
@@ -65,7 +66,8 @@ class State:
         explainer: "Callable[[State, Question], Explanation]",
     ) -> None:
         self.at = at
-        self.as_of = as_of
+        self.as_of = None if belief is None else belief.time
+        self.belief = belief
         self.name = name
         self._rows = rows
         self._pending = pending

@@ -14,12 +14,15 @@ INEQUALITY   ``(is_negative, comparison, left side, right side, grounded)``
 
 from collections.abc import Sequence
 from enum import IntEnum
+from hashlib import sha256
 from typing import Any, NamedTuple
 
 from kbstore.clock import SECOND
 from kbstore.messages import KeyValue, KnowledgeType
 
 Value = tuple[Any, ...]
+
+_LONGEST_KEY = 500
 
 METRIC_KEY = ""
 """The key of the one timeline of the metric (rule C11)."""
@@ -97,6 +100,13 @@ class Timeline:
 
 
 _ATOMS = frozenset((KnowledgeType.FACT, KnowledgeType.FUNCTION))
+
+
+def stored_key(key: str) -> str:
+    """The key as it is stored: of a very long one, its beginning and a digest, as indexes have a limit."""
+    if len(key) <= _LONGEST_KEY:
+        return key
+    return f"{key[:_LONGEST_KEY]} #{sha256(key.encode()).hexdigest()}"
 
 
 def number_at(value: Value, initial_time: int, t: int) -> float:

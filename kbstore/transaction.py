@@ -9,7 +9,7 @@ from kbstore.clock import isoformat, time
 from kbstore.domain import Domain
 from kbstore.draft import Draft
 from kbstore.editor import Editor
-from kbstore.errors import ClockWentBackwards, Conflict, InvalidKnowledge, KbStoreError
+from kbstore.errors import ClockWentBackwards, Conflict, InvalidKnowledge, KbStoreError, UnknownSymbol
 from kbstore.fitting import misfits
 from kbstore.mentions import mentions
 from kbstore.messages import (
@@ -241,7 +241,7 @@ class OpenTransaction:
             try:
                 items = self._items(kind, knowledge)
             except KbStoreError as error:
-                read.append(_failing(error))
+                read.append(_failing(knowledge, error))
                 continue
             role = Role.GOAL if kind in (UpdateType.ADD_GOAL, UpdateType.REMOVE_GOAL) else Role.STATE
             for item in items:
@@ -421,8 +421,12 @@ def _time(initial_time: object) -> int:
     return 0 if initial_time is None else time(initial_time)
 
 
-def _failing(error: KbStoreError) -> Update:
+def _failing(knowledge: object, error: KbStoreError) -> Update:
+    """What stands for an item that could not be read; a symbol that is not known is a violation (rule D1)."""
+
     def update() -> Sequence[str]:
+        if isinstance(error, UnknownSymbol):
+            return [f"{knowledge}: {error}"]
         raise error
 
     return update

@@ -8,7 +8,7 @@ from kbstore.storage import queries
 from kbstore.storage.engine import Session
 from kbstore.storage.interval_tree import node
 from kbstore.storage.repository import Head
-from kbstore.timelines import Timeline
+from kbstore.timelines import Timeline, stored_key
 
 
 class Recorder:
@@ -118,12 +118,13 @@ class Recorder:
 
 def _timeline_row(timeline: Timeline) -> dict[str, Any]:
     key = timeline.key
+    stored = stored_key(key)
     return {
         "id": timeline.id,
         "role": int(timeline.role),
         "kind": int(timeline.kind),
-        "key": key,
-        "spelling": None if timeline.spelling == key else timeline.spelling,
+        "key": stored,
+        "spelling": None if timeline.spelling == stored else timeline.spelling,
     }
 
 

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 from kbstore.messages import KnowledgeType
 from kbstore.storage import queries
 from kbstore.storage.engine import Row, Session
-from kbstore.timelines import Identity, Role, Timeline, Value
+from kbstore.timelines import Identity, Role, Timeline, Value, stored_key
 
 _CACHED_TIMELINES = 500_000
 
@@ -162,18 +162,22 @@ class Repository:
         for key in keys:
             timeline = by_identity.get(Identity(role, kind, key))
             if timeline is None:
-                missing.append(key)
+                # no name that is stored has control characters, and no database takes all of them
+                if key.isprintable():
+                    missing.append(key)
             else:
                 found[key] = timeline
+        parameters = {"kb": self._kb, "role": int(role), "kind": int(kind)}
+        rows: list[Row] = []
         if len(missing) == 1:
-            parameters = {"kb": self._kb, "role": int(role), "kind": int(kind), "key": missing[0]}
-            row = self._session.first(queries.timeline_by_key, parameters)
-            if row is not None:
-                found[missing[0]] = self._remember(row)
+            row = self._session.first(queries.timeline_by_key, parameters | {"key": stored_key(missing[0])})
+            rows = [] if row is None else [row]
         elif missing:
-            parameters = {"kb": self._kb, "role": int(role), "kind": int(kind), "keys": self._session.array(missing)}
-            for row in self._session.all(queries.timelines_by_key, parameters):
-                found[row[3]] = self._remember(row)
+            stored = self._session.array([stored_key(key) for key in missing])
+            rows = self._session.all(queries.timelines_by_key, parameters | {"keys": stored})
+        for row in rows:
+            timeline = self._remember(row)
+            found[timeline.key] = timeline
         return found
 
     def of_symbol(self, role: Role, kind: KnowledgeType, name: str) -> list[Timeline]:
@@ -202,7 +206,8 @@ class Repository:
     def _remember(self, row: Row) -> Timeline:
         timeline = self._cache.by_id.get(row[0])
         if timeline is None:
-            timeline = Timeline(*row)
+            id, role, kind, key, spelling = row
+            timeline = Timeline(id, role, kind, key if spelling is None else spelling.lower(), spelling)
             self._cache.put(timeline)
         return timeline
 
