@@ -24,6 +24,7 @@ from kbstore.errors import (
     UndefinedFunction,
     UnknownSymbol,
 )
+from kbstore.interchange import export_knowledge_base, import_knowledge_base
 from kbstore.knowledge_base import KnowledgeBase, knowledge_bases, open
 from kbstore.messages import (
     AssignOp,
@@ -52,6 +53,7 @@ from kbstore.messages import (
 from kbstore.questions import item
 from kbstore.record import Applicability, Assertion, Change, Diff, Explanation, QueryResult, Run, Transaction
 from kbstore.state import State
+from kbstore.storage.backup import backup
 from kbstore.transaction import OpenTransaction
 
 __all__ = [
@@ -109,6 +111,9 @@ __all__ = [
     "UndefinedFunction",
     "UnknownSymbol",
     "UpdateType",
+    "backup",
+    "export_knowledge_base",
+    "import_knowledge_base",
     "item",
     "knowledge_bases",
     "open",

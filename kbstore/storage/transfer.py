@@ -43,10 +43,13 @@ class Part(NamedTuple):
     since: int = 0
 
 
+EVERYTHING = Part()
+
+
 class Source:
     """Reads a knowledge base on one snapshot of its store."""
 
-    def __init__(self, session: Session, name: str, part: Part = Part()) -> None:
+    def __init__(self, session: Session, name: str, part: Part = EVERYTHING) -> None:
         row = session.first(queries.find_knowledge_base, {"name": name})
         if row is None:
             names = ", ".join(names_in(session)) or "none"
@@ -206,6 +209,7 @@ def new_file(path: Path) -> Iterator[Path]:
         raise InvalidKnowledge(f"{path} exists, and is not overwritten; remove it, or give another name")
     partial = path.with_name(f"{path.name}.{os.getpid()}.partial")
     try:
+        partial.touch(exist_ok=False)
         yield partial
         with open(partial, "rb") as written:
             os.fsync(written.fileno())
@@ -216,7 +220,8 @@ def new_file(path: Path) -> Iterator[Path]:
             raise
         raise StoreUnavailable(f"{path}: {error.strerror or error}; nothing has been written") from error
     finally:
-        partial.unlink(missing_ok=True)
+        for suffix in ("", "-journal", "-wal", "-shm"):
+            partial.with_name(partial.name + suffix).unlink(missing_ok=True)
 
 
 def sync_directory(path: Path) -> None:
