@@ -163,7 +163,11 @@ class Checks:
 
 def violations_of(error: KbStoreError, about: object) -> tuple[str, ...]:
     """The sentences of an error that is one of the violations of a transaction, each naming what it is about."""
-    sentences = error.violations if isinstance(error, InvalidKnowledge) else (str(error),)
+    return naming(about, error.violations if isinstance(error, InvalidKnowledge) else (str(error),))
+
+
+def naming(about: object, sentences: Iterable[str]) -> tuple[str, ...]:
+    """Sentences, each beginning with what it is about where it does not name that anyway."""
     text = str(about)
     return tuple(sentence if text in sentence else f"{text:.200}: {sentence}" for sentence in sentences)
 

@@ -12,7 +12,16 @@ _NO_FUNCTION = DomainFormula()
 
 def composite_of(expression: Expression, formula_of: Callable[[Atom], DomainFormula]) -> ExprComposite:
     """The expression as a message; `formula_of` labels the arguments of its functions."""
-    return ExprComposite.trusted(tokens=tuple(_base(token, formula_of) for token in expression))
+    # the same few tokens make up the longest expressions; by type, as the enums' members equal numbers
+    bases: dict[tuple[type, Token], ExprBase] = {}
+    found = []
+    for token in expression:
+        name = (type(token), token)
+        base = bases.get(name)
+        if base is None:
+            base = bases[name] = _base(token, formula_of)
+        found.append(base)
+    return ExprComposite.trusted(tokens=tuple(found))
 
 
 def unlabelled(atom: Atom) -> DomainFormula:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Sequence
 from itertools import pairwise
 
 from kbstore import names
-from kbstore.checks import Checks, violations_of
+from kbstore.checks import Checks, naming, violations_of
 from kbstore.clock import isoformat
 from kbstore.draft import Draft, Existence, Track
 from kbstore.errors import (
@@ -98,7 +98,7 @@ class Editor:
         if item.is_negative:
             return [f"{item}: a metric cannot be negative; remove_metric() ends it"]
         expression = from_composite(item.expr)
-        violations = list(self._checks.expression(expression, t))
+        violations = naming(item, self._checks.expression(expression, t))
         if not violations:
             identity = Identity(Role.STATE, KnowledgeType.EXPRESSION, METRIC_KEY)
             text = expression_text(expression)
@@ -190,10 +190,10 @@ class Editor:
         return _NONE
 
     def _formula_track(self, formula: Formula, role: Role, kind: KnowledgeType, t: int) -> Track | Violations:
-        violations = list(self._checks.condition(formula, t))
+        text = condition_text(formula)
+        violations = naming(text, self._checks.condition(formula, t))
         if violations:
             return violations
-        text = condition_text(formula)
         track = self._draft.track(Identity(role, kind, key(text)), text)
         self._draft.mention_objects(track, (False, "", text))
         return track

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Iterator
 
-from kbstore.checks import Checks, violations_of
+from kbstore.checks import Checks, naming, violations_of
 from kbstore.domain import Domain
 from kbstore.draft import Draft, Track
 from kbstore.errors import KbStoreError
@@ -40,12 +40,13 @@ def _misfits(domain: Domain, checks: Checks, track: Track, t: int, value: Value)
                 return [f"({timeline.spelling}) is stated, but {timeline.name} is derived in the domain {domain.name}"]
             return checks.atom(timeline.kind, timeline.name, timeline.arguments, t)
         case KnowledgeType.EXPRESSION if timeline.role is Role.STATE:
-            return checks.expression(parse_expression(value[2]), t)
+            return naming(f"{value[1]} {value[2]}", checks.expression(parse_expression(value[2]), t))
         case _ if timeline.role is Role.CONSTRAINT:
             return ()
         case _:
             try:
-                return list(checks.condition(parse_condition(timeline.spelling, domain), t))
+                formula = parse_condition(timeline.spelling, domain)
+                return naming(timeline.spelling, checks.condition(formula, t))
             except KbStoreError as error:
                 return violations_of(error, timeline.spelling)
 

@@ -83,7 +83,9 @@ class Mission:
         seconds = length / SECOND
         if not operators.failing(action, Moment.AT_START, state.snapshot, duration=seconds):
             found = effects.evaluate(action, Moment.AT_START, state.snapshot, duration=seconds)
-            continuous = effects.evaluate(action, Moment.OVER_ALL, state.snapshot, duration=seconds).rates
+            # rates are those at the start, as the at-start effects leave the state
+            world = effects.After(state.snapshot, found)
+            continuous = effects.evaluate(action, Moment.OVER_ALL, world, duration=seconds).rates
         _refuse(action, applicability(state, operator, arguments, duration=seconds))
         self._carry_out(editor, found, state)
         rates = tuple(
@@ -196,9 +198,6 @@ def applicability(
 ) -> Applicability:
     """Whether an operator can be applied to a state, and the conditions that fail, each with since when (rule O1)."""
     action = _grounded(state, operator, arguments)
-    if duration is None and action.action.durative:
-        fixed = operators.fixed_duration(action, state.snapshot)
-        duration = None if fixed is None else fixed / SECOND
     return _explained(state, operators.applicability(action, state.snapshot, duration=duration))
 
 

@@ -164,7 +164,8 @@ class Projection:
             row = self._standing.get(timeline.identity)
             if row is not None:
                 number = number_at(row[2], row[1], self._now)
-                yield self._put(timeline, self._with_rate(timeline, (False, number, row[2][2], 0.0)))
+                value = self._with_rate(timeline, (False, number, row[2][2], 0.0))
+                yield self._put(timeline, value, entry.run)
 
     def _with_rate(self, timeline: Timeline, value: Value) -> Value:
         rate = value[2]

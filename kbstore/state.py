@@ -1,6 +1,6 @@
 """The state of a knowledge base at one moment: what stands, what is scheduled, what runs."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import cached_property
 from typing import TYPE_CHECKING, TypeVar, cast
 
@@ -27,7 +27,7 @@ from kbstore.questions import Question, as_condition, as_expression, as_item
 from kbstore.record import QueryResult, Run
 from kbstore.snapshot import Row, Snapshot
 from kbstore.storage.repository import Moment
-from kbstore.timelines import Role
+from kbstore.timelines import Identity, Role
 from kbstore.vocabulary import Vocabulary
 
 if TYPE_CHECKING:
@@ -197,16 +197,17 @@ class State:
     @cached_property
     def end_effects(self) -> list[tuple[int, KnowledgeItem, Run]]:
         """What the actions that run are expected to change at their ends: time, item, run (rule O4)."""
-        return list(self._expected())
-
-    def _expected(self) -> Iterator[tuple[int, KnowledgeItem, Run]]:
         ends = [run.expected_end for run in self.running if run.expected_end > self.at]
+        last: dict[tuple[int, Identity], tuple[int, KnowledgeItem, Run]] = {}
         for event in self.projection().advance(max(ends, default=self.at)):
             if event.run is None:
                 continue
             value = (True,) if event.value is None else event.value
-            item = self._reader.item(event.timeline, event.time, value, event.time)
-            yield event.time, cast("KnowledgeItem", item), event.run
+            item = cast("KnowledgeItem", self._reader.item(event.timeline, event.time, value, event.time))
+            # of one time, the last word counts
+            last.pop((event.time, event.timeline.identity), None)
+            last[event.time, event.timeline.identity] = (event.time, item, event.run)
+        return list(last.values())
 
     def projection(self) -> Projection:
         """The state, to be played forward."""
