@@ -13,6 +13,7 @@ from kbstore.logic import (
     Comparison,
     Condition,
     Defined,
+    Exists,
     Expression,
     Imply,
     IsA,
@@ -412,11 +413,12 @@ def test_a_variable_declared_twice_is_refused() -> None:
 def test_deep_nesting_is_evaluated_or_refused(depth: int) -> None:
     """Conditions nested 150 deep are evaluated in any form; what is far deeper is refused, never a RecursionError."""
     nested: dict[str, Condition] = {"not": ALARM, "and": ALARM, "exists": ALARM, "imply": ALARM}
+    robots = (Parameter("x", ("robot",)),)
     for _ in range(depth):
         nested["not"] = Not(nested["not"])
         nested["and"] = And((nested["and"],))
         nested["imply"] = Imply(Truism(), nested["imply"])
-        nested["exists"] = exists("x:robot", nested["exists"])
+        nested["exists"] = Exists(robots, nested["exists"])
     for condition in nested.values():
         if depth > 150:
             with pytest.raises(InvalidKnowledge, match="nested deeper"):
@@ -428,9 +430,7 @@ def test_deep_nesting_is_evaluated_or_refused(depth: int) -> None:
 def test_a_quantifier_of_many_variables() -> None:
     """The number of variables of a quantifier does not reach Python's recursion limit."""
     parameters = tuple(Parameter(f"v{i}", ("robot",)) for i in range(5000))
-    many = exists("x:robot", Truism())
-    many = type(many)(parameters, Atom("alarm"))
-    assert truth(many, world("alarm")) is T
+    assert truth(Exists(parameters, ALARM), world("alarm")) is T
 
 
 def test_one_evaluation_answers_several_questions_of_one_world() -> None:

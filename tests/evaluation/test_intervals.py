@@ -1,7 +1,7 @@
 from itertools import pairwise
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from kbstore.intervals import Intervals, merged
@@ -29,6 +29,7 @@ def test_always_is_throughout_a_span(span: tuple[int, int], always: bool) -> Non
     assert Intervals([(10, 30), (50, 60)]).always(span) is always
 
 
+@settings(deadline=None)
 @given(st.lists(st.tuples(st.integers(0, 20), st.integers(0, 20))))
 def test_merged_intervals_cover_the_same_times_and_are_maximal(intervals: list[tuple[int, int]]) -> None:
     """Q4: maximal half-open intervals, in order, none of which meet."""
