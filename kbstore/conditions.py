@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 
 from kbstore.evaluation import Evaluation
 from kbstore.interpretation import Interpretation
-from kbstore.logic import And, Atom, Condition, Defined, Exists, Forall, Imply, Not, Or, Preference
+from kbstore.logic import And, Atom, Condition, Defined, Exists, Forall, Imply, Not, Or, Preference, Truism
 from kbstore.messages.enums import Truth
 from kbstore.names import is_wildcard
 from kbstore.substitution import Bindings, instantiated, instantiated_atom, keyed
@@ -55,7 +55,9 @@ def deciding(
     """
     evaluation = Evaluation(world, duration=duration)
     evaluation.truth(condition, bindings)
-    return list(dict.fromkeys(_deciding(evaluation, condition, keyed(bindings))))
+    parts = list(dict.fromkeys(_deciding(evaluation, condition, keyed(bindings))))
+    # what is always true explains nothing, unless there is nothing else
+    return [part for part in parts if not isinstance(part[0], Truism)] or parts
 
 
 def _deciding(evaluation: Evaluation, condition: Condition, bindings: Bindings) -> Iterator[tuple[Condition, Truth]]:

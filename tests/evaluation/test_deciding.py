@@ -26,6 +26,7 @@ POOR = Comparison(ComparisonType.LESS, (Atom("level", ("?r",)),), (20.0,))
         (Not(AT1), [(AT1, T)]),
         (Truism(), [(Truism(), T)]),
         (And(()), [(And(()), T)]),
+        (And((AT1, Truism())), [(AT1, T)]),
         (And((AT1, FREE2)), [(AT1, T), (FREE2, T)]),
         (And((AT1, FREE1, AT2)), [(FREE1, F)]),
         (Or((FREE1, AT1, FREE2)), [(AT1, T)]),

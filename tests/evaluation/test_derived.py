@@ -4,15 +4,29 @@ from itertools import product
 import pytest
 from hypothesis import given, settings
 
+from kbstore import when
 from kbstore.conditions import Evaluation, truth
 from kbstore.derived import strata
 from kbstore.domain import DerivedRule, Domain
 from kbstore.errors import InvalidKnowledge, UnknownSymbol
-from kbstore.logic import And, Atom, Comparison, Condition, Forall, Imply, Not, Or, Preference, Truism
+from kbstore.logic import (
+    And,
+    Atom,
+    Comparison,
+    Condition,
+    Exists,
+    Forall,
+    Imply,
+    Not,
+    Or,
+    Parameter,
+    Preference,
+    Truism,
+)
 from kbstore.messages import ComparisonType, Truth
 from tests.evaluation import brute_force
 from tests.evaluation.strategies import DOMAIN, RULES, exists, forall, rule, worlds
-from tests.evaluation.worlds import World, signatures
+from tests.evaluation.worlds import History, World, signatures
 
 T, F, U = Truth.TRUE, Truth.FALSE, Truth.UNKNOWN
 
@@ -76,6 +90,15 @@ def test_v9_in_an_open_world_false_takes_a_proof() -> None:
     assert truth(Atom("reach", ("a", "d")), world) is F
     assert truth(Not(Atom("reach", ("a", "d"))), world) is T
     assert truth(Atom("reach", ("a", "?")), world) is T
+
+
+def test_v8_a_wildcard_beside_a_missing_object_matches_no_object_where_there_is_none() -> None:
+    """V7, V8: in an open world absent, and so unknown, of any object there is; false if there is none."""
+    wild = Atom("reach", ("?", "ghost"))
+    assert truth(wild, graph(REACH, unknowns=True)) is U
+    assert truth(wild, World(REACH, use_unknowns=True)) is F
+    course = History((0, 100), REACH, use_unknowns=True, objects={"a": [(10, 30, "node")]})
+    assert when.truths(wild, course) == [(0, 10, F), (10, 30, U), (30, 100, F)]
 
 
 def test_v9_a_comparison_without_a_value_makes_unknown() -> None:
@@ -171,6 +194,21 @@ def test_only_what_is_asked_for_is_derived() -> None:
     world = Counting(about, objects={"a": "node"}, facts={"edge a a": True})
     assert truth(Atom("reach", ("a", "a")), world) is T
     assert asked == ["edge"]
+
+
+def test_deep_rules_and_deep_questions() -> None:
+    """V9: the depth of a rule adds to that of the question that asks for it, and both are evaluated."""
+
+    def nested(condition: Condition) -> Condition:
+        for _ in range(75):
+            condition = Exists((Parameter("v", ("node",)),), And((condition, Truism())))
+        return condition
+
+    about = domain(rule("p x:node", nested(Atom("marked", ("?x",)))), rule("q x:node", nested(Atom("p", ("?x",)))))
+    question = nested(Atom("q", ("a",)))
+    assert truth(question, World(about, objects={"a": "node"}, facts={"marked a": True})) is T
+    course = History((0, 100), about, objects={"a": "node"}, facts={"marked a": [(2, 5, True)]})
+    assert when.intervals(question, course) == [(2, 5)]
 
 
 # -- strata ---------------------------------------------------------------------------------------------------
