@@ -1,7 +1,7 @@
 """What names mean where a formula stands, and what becomes of one that means nothing there."""
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from kbstore.domain import Domain, Signature
 from kbstore.errors import InvalidKnowledge, KbStoreError, PddlSyntaxError, UnknownSymbol
@@ -33,6 +33,8 @@ class Context:
     objects: Mapping[str, str] | None = None
     report: Report | None = None
     patterns: bool = False
+    complaints: int = 0
+    _fits: dict[tuple[tuple[str, ...], tuple[str, ...], bool], bool] = field(default_factory=dict)
 
     def error(self, problem: str, group: Group, index: int | None = None) -> PddlSyntaxError:
         """The refusal of what is not PDDL, with its place: of a group, or of its child of that index."""
@@ -40,9 +42,14 @@ class Context:
 
     def complain(self, kind: type[KbStoreError], problem: str, group: Group, index: int | None = None) -> None:
         """Report what is PDDL but does not fit; in a question it is raised at once."""
+        self.complain_at(kind, problem, -1 if self.report is None else self.source.offset(group, index))
+
+    def complain_at(self, kind: type[KbStoreError], problem: str, offset: int) -> None:
+        """Report what does not fit at an offset."""
+        self.complaints += 1
         if self.report is None:
             raise kind(problem)
-        self.report(kind, problem, self.source.offset(group, index))
+        self.report(kind, problem, offset)
 
     # -- words ------------------------------------------------------------------------------------------------
 
@@ -189,12 +196,18 @@ class Context:
         return f"{argument} is of type {Parameter('', types).type_text}, but {parameter.type_text} is expected"
 
     def _fit(self, types: tuple[str, ...], wanted: tuple[str, ...], asserted: bool) -> bool:
-        if self.domain is None or all(self.domain.is_subtype(type_name, wanted) for type_name in types):
-            return True
-        return not asserted and any(
-            self.domain.is_subtype(one, wanted) or any(self.domain.is_subtype(other, (one,)) for other in wanted)
-            for one in types
-        )
+        question = (types, wanted, asserted)
+        if question not in self._fits:
+            self._fits[question] = self.domain is None or _fit(self.domain, *question)
+        return self._fits[question]
+
+
+def _fit(domain: Domain, types: tuple[str, ...], wanted: tuple[str, ...], asserted: bool) -> bool:
+    if all(domain.is_subtype(type_name, wanted) for type_name in types):
+        return True
+    return not asserted and any(
+        domain.is_subtype(one, wanted) or any(domain.is_subtype(other, (one,)) for other in wanted) for one in types
+    )
 
 
 def fail_at_once(source: Source) -> Report:

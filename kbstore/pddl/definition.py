@@ -73,7 +73,7 @@ def check_name(context: Context, what: str, group: Group, index: int, name: str 
 def _sections(
     context: Context, whole: Group, kind: str, known: Collection[str], repeated: Collection[str]
 ) -> Iterator[Group]:
-    seen: set[str] = set()
+    seen: dict[str, Group] = {}
     for index in range(2, len(whole)):
         section = whole[index]
         if not isinstance(section, Group) or not section.word(0).startswith(":"):
@@ -83,9 +83,11 @@ def _sections(
         keyword = section.word(0)
         if keyword not in known:
             raise context.error(unknown_keyword(keyword, f"section of a {kind}", known), section, 0)
-        if keyword in seen and keyword not in repeated:
-            raise context.error(f"the section {keyword} stands here for the second time", section, 0)
-        seen.add(keyword)
+        if keyword not in repeated and keyword in seen:
+            if node_text(section) != node_text(seen[keyword]):
+                raise context.error(f"the section {keyword} stands here for the second time", section, 0)
+            continue  # the same words again say nothing else
+        seen[keyword] = section
         yield section
 
 

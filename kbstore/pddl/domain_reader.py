@@ -15,7 +15,7 @@ from kbstore.pddl.constraints import ConstraintReader
 from kbstore.pddl.context import NO_VARIABLES, Context, fail_at_once
 from kbstore.pddl.definition import Definition, check_name, read_definition
 from kbstore.pddl.sexpr import Group, Source, node_text
-from kbstore.pddl.typed_lists import bound, read_parameters, read_typed_list
+from kbstore.pddl.typed_lists import Typed, bound, read_parameters, read_typed_list
 from kbstore.rules import strata
 
 _SECTIONS = (
@@ -80,7 +80,7 @@ def _types(context: Context, definition: Definition) -> dict[str, str]:
     places: dict[str, int] = {}
     spellings: dict[str, str] = {}
     parents_seen: dict[str, str] = {}
-    for index, name, parents in read_typed_list(glued, section, 1):
+    for index, name, parents, _ in read_typed_list(glued, section, 1):
         check_name(context, "type", section, index, name)
         parent = f"(either {' '.join(parents)})" if len(parents) > 1 else "".join(parents) or ROOT_TYPE
         for each in parents:
@@ -121,26 +121,25 @@ def _constants(context: Context, definition: Definition) -> dict[str, str]:
     section = definition.one(":constants") or Group()
     constants: dict[str, str] = {}
     seen: set[str] = set()
-    for index, name, types in read_typed_list(context, section, 1):
-        check_name(context, "constant", section, index, name)
-        if key(name) in seen:
-            raise context.error(f"the constant {name} is declared for the second time", section, index)
-        seen.add(key(name))
-        constants[name] = object_type(context, section, index, name, types)
+    for typed in read_typed_list(context, section, 1):
+        check_name(context, "constant", section, typed.place, typed.name)
+        if key(typed.name) in seen:
+            raise context.error(f"the constant {typed.name} is declared for the second time", section, typed.place)
+        seen.add(key(typed.name))
+        constants[typed.name] = object_type(context, section, typed)
     return constants
 
 
-def object_type(context: Context, group: Group, index: int, name: str, types: tuple[str, ...]) -> str:
-    """The one type of an object that is declared with these."""
-    known = [context.type_name(type_name, group, index) for type_name in types]
-    if len(known) > 1:
+def object_type(context: Context, group: Group, typed: Typed) -> str:
+    """The one type of a declared object."""
+    if len(typed.types) > 1:
         raise context.error(
-            f"{name} is declared (either {' '.join(known)}), but an object has one type; "
+            f"{typed.name} is declared (either {' '.join(typed.types)}), but an object has one type; "
             "declare a type above these, and an object of it",
             group,
-            index,
+            typed.types_place,
         )
-    return known[0] if known else ROOT_TYPE
+    return context.type_name(typed.types[0], group, typed.types_place) if typed.types else ROOT_TYPE
 
 
 def _predicates(context: Context, definition: Definition) -> dict[str, Signature]:

@@ -15,6 +15,7 @@ NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?", re.ASCII)
 
 _OPERATORS = {"+": Operator.ADD, "-": Operator.SUB, "*": Operator.MUL, "/": Operator.DIV}
 _SPECIALS = {"#t": SpecialType.HASHT, "total-time": SpecialType.TOTAL_TIME, "?duration": SpecialType.DURATION}
+_NO_NUMBERS = ("nan", "inf", "infinity")
 
 ANY_SPECIAL = frozenset(SpecialType)
 
@@ -111,6 +112,8 @@ def _word(context: Context, group: Group, index: int, word: str, specials: froze
         return _special(context, group, index, special, specials)
     if word[0] == "?":
         raise context.error(f"{word} is a variable for objects, and has no numeric value", group, index)
+    if word.lower().lstrip("+-") in _NO_NUMBERS and not context.is_bare_function(word):
+        raise context.error(f"{word} is not a number; write a finite one, like 12.5", group, index)
     if word.lower() in _OPERATORS:
         raise context.error(f"an operation stands in brackets, like ({word} 1 2)", group, index)
     signature = context.function(word, group, index)

@@ -9,66 +9,72 @@ from dataclasses import dataclass, field
 from kbstore.clock import seconds
 from kbstore.domain import Signature
 from kbstore.errors import InvalidKnowledge, InvalidTime
-from kbstore.logic import Atom
-from kbstore.messages import Fact, Function, KeyValue, KnowledgeType
-from kbstore.names import is_wildcard, key
-from kbstore.pddl.context import Context
+from kbstore.messages import AssignOp, Fact, Function, KeyValue, KnowledgeType
+from kbstore.names import is_wildcard
+from kbstore.pddl.context import NO_VARIABLES, Context
 from kbstore.pddl.effects import function_group
 from kbstore.pddl.expressions import NUMBER, number_at
-from kbstore.pddl.item_reader import fact_of, function_of
+from kbstore.pddl.item_reader import labelled
 from kbstore.pddl.sexpr import Group, node_text
 
 Entry = Fact | Function
-_Fitting = list[dict[str, KeyValue]]
-"""For each parameter of a predicate, the arguments that are known to fit, with their labels."""
+Values = tuple[KeyValue, ...]
+
+
+class Fitting:
+    """Arguments that are known to fit: for each predicate or function, a table for each of its parameters."""
+
+    def __init__(self) -> None:
+        self._tables: dict[str, list[dict[str, KeyValue]]] = {}
+
+    def values(self, term: Group) -> Values | None:
+        """The labelled arguments of a term if all of them are known to fit."""
+        try:
+            tables = self._tables[term[0]]  # type: ignore[index]
+            if len(term) == len(tables) + 1:
+                return tuple([table[name] for table, name in zip(tables, term[1:], strict=True)])  # type: ignore[index]
+        except (LookupError, TypeError):  # not known yet, or a group where only a name can be known
+            pass
+        return None
+
+    def add(self, name: str, values: Values) -> None:
+        """Note that these arguments fit."""
+        tables = self._tables.setdefault(name, [{} for _ in values])
+        if len(tables) == len(values):
+            for table, value in zip(tables, values, strict=True):
+                table[value.value] = value
 
 
 @dataclass
 class InitReader:
-    """Reads an ``(:init ...)`` section into `facts` and `timed` (with times in nanoseconds), with their offsets."""
+    """Reads an ``(:init ...)`` section into `entries` and `timed` (with times in nanoseconds), with their offsets."""
 
     context: Context
     entries: list[Entry] = field(default_factory=list)
     offsets: list[int] = field(default_factory=list)
     timed: list[tuple[int, Entry]] = field(default_factory=list)
     timed_offsets: list[int] = field(default_factory=list)
-    _fitting: dict[str, _Fitting] = field(default_factory=dict)
-    _values: dict[tuple[str, ...], float] = field(default_factory=dict)
+    _facts: Fitting = field(default_factory=Fitting)
+    _functions: Fitting = field(default_factory=Fitting)
+    _values: dict[str, float] = field(default_factory=dict)
 
     def read(self, section: Group) -> None:
         """Read the section. Raises `PddlSyntaxError` for what is not PDDL, and complains of what does not fit."""
-        entries, offsets, fitting = self.entries, self.offsets, self._fitting
         for index in range(1, len(section)):
             group = section[index]
             if not isinstance(group, Group):
                 raise self.context.error(f"a fact stands in brackets, like ({group})", section, index)
-            try:
-                parameters = fitting[group[0]]  # type: ignore[index]
-                if len(group) == len(parameters) + 1:
-                    values = tuple([known[name] for known, name in zip(parameters, group[1:], strict=True)])  # type: ignore[index]
-                    entries.append(
-                        Fact.trusted(
-                            initial_time=0,
-                            is_negative=False,
-                            attribute_name=group[0],
-                            values=values,
-                            knowledge_type=KnowledgeType.FACT,
-                        )
-                    )
-                    offsets.append(group.start)
-                    continue
-            except (LookupError, TypeError):  # not seen before, or a group where only a name has been seen
-                pass
-            self._read_slowly(group)
+            values = self._facts.values(group)
+            if values is not None:
+                self.entries.append(_fact(str(group[0]), values))
+            elif group.word(0) == "at" and len(group) == 3 and isinstance(group[2], Group):
+                self.timed.append((self._time(group), self._entry(group[2], timed=True)))
+                self.timed_offsets.append(group.start)
+                continue
+            else:
+                self.entries.append(self._entry(group))
+            self.offsets.append(group.start)
         self._check_contradictions()
-
-    def _read_slowly(self, group: Group) -> None:
-        if group.word(0) == "at" and len(group) == 3 and isinstance(group[2], Group):
-            self.timed.append((self._time(group), self._entry(group[2], timed=True)))
-            self.timed_offsets.append(group.start)
-            return
-        self.entries.append(self._entry(group))
-        self.offsets.append(group.start)
 
     def _time(self, group: Group) -> int:
         """The time of a timed literal, in nanoseconds."""
@@ -86,46 +92,27 @@ class InitReader:
         return time
 
     def _entry(self, group: Group, *, timed: bool = False) -> Entry:
-        context, word = self.context, group.word(0)
+        word = group.word(0)
         if word == "=":
             return self._value(group, timed=timed)
         if word == "not" and len(group) == 2 and isinstance(group[1], Group) and group[1].word(0) != "=":
-            return self._fact(group[1], is_negative=True)
-        if not group or word in ("not", "and") or (word == "at" and not context.is_predicate("at")):
-            raise context.error(
+            return self._told(group[1], is_negative=True)
+        if not group or word in ("not", "and") or (word == "at" and not _all_words(group)):
+            raise self.context.error(
                 "the initial state lists facts (p a), negative facts (not (p a)), values (= (f a) 3) and timed ones "
                 f"(at 5 (p a)), not {node_text(group, 60)}",
                 group,
             )
-        return self._fact(group, is_negative=False)
+        return self._told(group, is_negative=False)
 
-    def _fact(self, group: Group, *, is_negative: bool) -> Fact:
+    def _told(self, group: Group, *, is_negative: bool) -> Fact:
         context = self.context
         name = context.name(group, 0, "predicate")
-        signature = context.predicate(name, group)
-        if context.domain is not None and context.domain.is_derived(name):
+        is_derived = context.domain is not None and context.domain.is_derived(name)
+        if is_derived:
             context.complain(InvalidKnowledge, f"{name} is derived by rules, and cannot be told", group)
-        atom = context.atom(group, signature, asserted=True)
-        fact = fact_of(atom, signature, is_negative)
-        self._remember(atom, signature, fact)
-        return fact
-
-    def _remember(self, atom: Atom, signature: Signature | None, fact: Fact) -> None:
-        """Let the arguments that fit take the short path from now on."""
-        context = self.context
-        if context.domain is not None and (
-            signature is None
-            or context.domain.is_derived(atom.name)
-            or len(signature.parameters) != len(atom.arguments)
-        ):
-            return
-        parameters = self._fitting.setdefault(atom.name, [{} for _ in atom.arguments])
-        if atom.name in ("=", "not", "and") or len(parameters) != len(atom.arguments):
-            return
-        for index, (known, value) in enumerate(zip(parameters, fact.values, strict=True)):
-            parameter = signature.parameters[index] if signature else None
-            if not is_wildcard(value.value) and context.misfit(value.value, {}, parameter, asserted=True) is None:
-                known[value.value] = value
+        values = self._checked(group, context.predicate(name, group), Fitting() if is_derived else self._facts)
+        return _fact(name, values, is_negative)
 
     def _value(self, group: Group, *, timed: bool) -> Function:
         context = self.context
@@ -135,25 +122,55 @@ class InitReader:
         if value is None:
             raise context.error(f"the value of a function is a number here, not {node_text(group[2], 60)}", group, 2)
         term = function_group(context, group, 1)
-        name = context.name(term, 0, "numeric function")
-        if NUMBER.fullmatch(name):
-            raise context.error("a function and its value are expected here, not two numbers", group)
-        signature = context.function(name, term)
-        atom = context.atom(term, signature, asserted=True)
-        if not timed:
-            terms = tuple(map(key, (atom.name, *atom.arguments)))
-            if self._values.setdefault(terms, value) != value:
-                context.complain(InvalidKnowledge, f"{node_text(group)}: {atom} has another value before", group)
-        return function_of(atom, signature, value)
+        values = self._functions.values(term)
+        if values is None:
+            name = context.name(term, 0, "numeric function")
+            if NUMBER.fullmatch(name):
+                raise context.error("a function and its value are expected here, not two numbers", group)
+            values = self._checked(term, context.function(name, term), self._functions)
+        if not timed and self._values.setdefault(" ".join(map(str, term)).lower(), value) != value:
+            context.complain(InvalidKnowledge, f"{node_text(group)}: the function has another value before", group)
+        return Function.trusted(
+            initial_time=0,
+            is_negative=False,
+            attribute_name=str(term[0]),
+            values=values,
+            knowledge_type=KnowledgeType.FUNCTION,
+            function_value=value,
+            assign_op=AssignOp.ASSIGN,
+            rate=0.0,
+        )
+
+    def _checked(self, term: Group, signature: Signature | None, fitting: Fitting) -> Values:
+        """The labelled arguments of a term, after a complaint of each that does not fit."""
+        complaints = self.context.complaints
+        atom = self.context.atom(term, signature, NO_VARIABLES, asserted=True)
+        values = labelled(atom.arguments, signature)
+        is_known = signature is not None or self.context.domain is None
+        if is_known and self.context.complaints == complaints and not any(map(is_wildcard, atom.arguments)):
+            fitting.add(atom.name, values)
+        return values
 
     def _check_contradictions(self) -> None:
         """Complain of facts that are both told and denied."""
-        negative = [entry for entry in self.entries if isinstance(entry, Fact) and entry.is_negative]
-        if not negative:
-            return
-        denied = {entry.key for entry in negative}
-        for entry, offset in zip(self.entries, self.offsets, strict=True):
-            if isinstance(entry, Fact) and not entry.is_negative and entry.key in denied:
-                group = Group()
-                group.start = offset
-                self.context.complain(InvalidKnowledge, f"both {entry} and (not {entry}) are told", group)
+        facts = [
+            (entry, offset) for entry, offset in zip(self.entries, self.offsets, strict=True) if type(entry) is Fact
+        ]
+        denied = {entry.key for entry, _ in facts if entry.is_negative}
+        for entry, offset in facts if denied else ():
+            if not entry.is_negative and entry.key in denied:
+                self.context.complain_at(InvalidKnowledge, f"both {entry} and (not {entry}) are told", offset)
+
+
+def _fact(name: str, values: Values, is_negative: bool = False) -> Fact:
+    return Fact.trusted(
+        initial_time=0,
+        is_negative=is_negative,
+        attribute_name=name,
+        values=values,
+        knowledge_type=KnowledgeType.FACT,
+    )
+
+
+def _all_words(group: Group) -> bool:
+    return all(isinstance(node, str) for node in group)

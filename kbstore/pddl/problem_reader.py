@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import overload
 
+from kbstore.bulk import without_collection
 from kbstore.domain import ROOT_TYPE, Domain
 from kbstore.errors import InvalidKnowledge, KbStoreError
 from kbstore.messages import Expression, Goal, Instance, KnowledgeType, SpecialType
@@ -88,8 +89,8 @@ def read_problem(source: str | os.PathLike[str], domain: Domain | None = None) -
     def report(_kind: type[KbStoreError], problem: str, offset: int) -> None:
         violations.append(text.complaint(problem, offset))
 
-    reader = _ProblemReader(Context(text, domain, report=report))
-    problem = reader.read()
+    with without_collection():
+        problem = _ProblemReader(Context(text, domain, report=report)).read()
     if violations:
         raise InvalidKnowledge(*violations)
     return problem
@@ -143,32 +144,36 @@ class _ProblemReader:
         context = self.context
         constants = context.domain.constant_types if context.domain else {}
         known: dict[str, str] = {}
+        type_names: dict[int, str] = {-1: ROOT_TYPE}
         instances: list[Instance] = []
         offsets: list[int] = []
-        for index, name, types in read_typed_list(context, section, 1):
-            type_name = object_type(context, section, index, name, types)
+        for typed in read_typed_list(context, section, 1):
+            name, name_key = typed.name, key(typed.name)
+            if typed.types_place not in type_names:
+                type_names[typed.types_place] = object_type(context, section, typed)
+            type_name = type_names[typed.types_place]
             wrong = name_problem(name)
             if wrong:
-                context.complain(InvalidKnowledge, f"the object name {name:.60} {wrong}", section, index)
-            if key(name) in known:
-                context.complain(InvalidKnowledge, f"the object {name} is declared twice", section, index)
-            elif key(name) in constants:
-                # to repeat a constant adds nothing, unless it is another type
-                if constants[key(name)] != key(type_name):
-                    problem = f"{name} - {type_name} is a constant of the domain, of type {constants[key(name)]}"
-                    context.complain(InvalidKnowledge, problem, section, index)
+                context.complain(InvalidKnowledge, f"the object name {name:.60} {wrong}", section, typed.place)
+            if name_key in known:
+                context.complain(InvalidKnowledge, f"the object {name} is declared twice", section, typed.place)
+            elif name_key in constants:
+                # to repeat a constant adds nothing, unless it is of another type
+                if constants[name_key] != key(type_name):
+                    problem = f"{name} - {type_name} is a constant of the domain, of type {constants[name_key]}"
+                    context.complain(InvalidKnowledge, problem, section, typed.place)
             else:
-                known[key(name)] = key(type_name)
+                known[name_key] = key(type_name)
                 instances.append(
                     Instance.trusted(
                         initial_time=0,
                         is_negative=False,
                         knowledge_type=KnowledgeType.INSTANCE,
-                        instance_type=type_name or ROOT_TYPE,
+                        instance_type=type_name,
                         instance_name=name,
                     )
                 )
-                offsets.append(context.source.offset(section, index))
+                offsets.append(context.source.offset(section, typed.place))
         if context.domain is not None:
             context.objects = {**constants, **known}
         return instances, offsets

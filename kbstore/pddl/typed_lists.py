@@ -1,6 +1,7 @@
 """Typed lists: ``?r - robot ?from ?to - waypoint``, in all the spellings of real files."""
 
 from collections.abc import Iterator
+from typing import NamedTuple
 
 from kbstore.domain import ROOT_TYPE
 from kbstore.logic import Parameter
@@ -11,8 +12,17 @@ from kbstore.pddl.sexpr import Group, node_text
 Types = tuple[str, ...]
 
 
-def read_typed_list(context: Context, group: Group, start: int) -> Iterator[tuple[int, str, Types]]:
-    """Each name of a typed list with its index and its types, as written (without a type: no types).
+class Typed(NamedTuple):
+    """A name in a typed list with its types, as written (none where none are written), and their places."""
+
+    place: int
+    name: str
+    types: Types = ()
+    types_place: int = -1
+
+
+def read_typed_list(context: Context, group: Group, start: int) -> Iterator[Typed]:
+    """Each name of a typed list with its types.
 
     Reads ``- type`` also where it is glued to a name: ``?x -type``, and ``wp0- waypoint`` where what follows can
     only be a type. Raises `PddlSyntaxError`.
@@ -37,23 +47,23 @@ def read_typed_list(context: Context, group: Group, start: int) -> Iterator[tupl
             pending.append((index, node))
         index += 1
         if types is not None:
-            if not pending:
+            if not pending and not _begins_line(context, group, index - 2):
                 raise context.error("'-' says the type of the names before it, but there are none", group, index - 2)
-            yield from ((place, name, types) for place, name in pending)
+            yield from (Typed(place, name, types, index - 1) for place, name in pending)
             pending.clear()
-    yield from ((place, name, ()) for place, name in pending)
+    yield from (Typed(place, name) for place, name in pending)
 
 
 def read_parameters(context: Context, group: Group, start: int = 0) -> tuple[Parameter, ...]:
     """The typed variables of a group. Raises `PddlSyntaxError`; complains of unknown types and of repeated names."""
     parameters: dict[str, Parameter] = {}
-    for index, variable, types in read_typed_list(context, group, start):
+    for index, variable, types, types_place in read_typed_list(context, group, start):
         if variable[0] != "?" or len(variable) == 1:
             raise context.error(f"a variable is expected here, with a name after its '?', not {variable}", group, index)
         name = variable[1:]
         if key(name) in parameters:
             raise context.error(f"the variable {variable} is declared twice in this list", group, index)
-        known = tuple(context.type_name(type_name, group, index) for type_name in types)
+        known = tuple(context.type_name(type_name, group, types_place) for type_name in types)
         parameters[key(name)] = Parameter(name, known or (ROOT_TYPE,))
     return tuple(parameters.values())
 
@@ -74,6 +84,13 @@ def _types(context: Context, group: Group, index: int) -> Types:
     if node.word(0) != "either" or len(node) < 2 or not all(isinstance(part, str) for part in node):
         raise context.error(f"a type, or (either type ...), is expected here, not {node_text(node, 60)}", group, index)
     return tuple(node[1:])  # type: ignore[arg-type]
+
+
+def _begins_line(context: Context, group: Group, index: int) -> bool:
+    """Whether a word begins a line: some generators write ``- type`` there for objects of which there are none."""
+    offset = context.source.offset(group, index)
+    _, column = context.source.place(offset)
+    return not context.source.text[offset - column + 1 : offset].strip()
 
 
 def _ends_in_type(context: Context, group: Group, index: int) -> bool:

@@ -1,0 +1,22 @@
+"""PDDL texts in which a mark says where a refusal is expected."""
+
+from typing import NamedTuple
+
+MARK = "«"
+
+
+class Marked(NamedTuple):
+    """A text without its mark, and the line and the column, from 1, where it stood."""
+
+    text: str
+    line: int
+    column: int
+    quoted: str
+
+
+def marked(text: str) -> Marked:
+    """The text without its one mark."""
+    before, after = text.split(MARK)
+    clean = before + after
+    line = before.count("\n") + 1
+    return Marked(clean, line, len(before.rsplit("\n", 1)[-1]) + 1, clean.split("\n")[line - 1])
