@@ -1,0 +1,56 @@
+"""``python -m benchmarks``: one run, one table."""
+
+import argparse
+import tempfile
+import time
+from pathlib import Path
+
+from rich.console import Console
+
+from benchmarks import courses, loads, points, states, writes
+from benchmarks.report import Result, show
+from benchmarks.settings import Settings
+
+_PARTS = {
+    "states": states.measure,
+    "points": points.measure,
+    "writes": writes.measure,
+    "loads": loads.measure,
+    "when": courses.measure,
+}
+
+
+def main() -> None:
+    """Measure what is asked for, and print it."""
+    arguments = _arguments()
+    console = Console(width=None if Console().is_terminal else 140)
+    began = time.monotonic()
+    results: list[Result] = []
+    with tempfile.TemporaryDirectory(prefix="kbstore-bench-", dir=arguments.directory) as directory:
+        settings = _settings(Path(directory), quick=arguments.quick, size=arguments.size)
+        for name in arguments.only or _PARTS:
+            for result in _PARTS[name](settings):
+                console.print(f"{time.monotonic() - began:5.0f} s  {result.what}: {result.ratio:.2f}")
+                results.append(result)
+    show(results, console)
+
+
+def _settings(directory: Path, *, quick: bool, size: int | None) -> Settings:
+    if quick:
+        return Settings(directory, size or 20_000, 5_000, (1_000, 10_000), (10, 1_000, 10_000), 0.2)
+    return Settings(
+        directory, size or 1_000_000, 50_000, (1_000, 10_000, 100_000), (10, 100, 1_000, 10_000, 100_000), 1.0
+    )
+
+
+def _arguments() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
+    parser.add_argument("--quick", action="store_true", help="small sizes, less than a minute")
+    parser.add_argument("--size", type=int, help="assertions in the histories that are asked about")
+    parser.add_argument("--directory", type=Path, help="where to make the stores (they are removed afterwards)")
+    parser.add_argument("--only", nargs="+", choices=_PARTS, help="only these parts")
+    return parser.parse_args()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,83 @@
+"""Measuring side by side: two or more ways to do the same, in turns, each told by its median."""
+
+import gc
+import statistics
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+Way = Callable[[], Any]
+
+MINIMUM = 7
+"""Rounds at least, however long one takes."""
+
+_SLICE = 0.000_2
+"""What is faster than this, in seconds, is done several times for each reading of the clock."""
+
+
+Clock = Callable[[], float]
+
+CPU: Clock = time.process_time
+"""For questions whose rows are in memory: nothing waits, and what other processes take does not count."""
+
+WALL: Clock = time.perf_counter
+"""For whatever waits: for the disk, or for a server."""
+
+
+def side_by_side(
+    ways: dict[str, Way], *, clock: Clock = WALL, seconds: float = 1.0, minimum: int = MINIMUM
+) -> dict[str, float]:
+    """The median duration of each way in seconds; one round does each once, in turns.
+
+    Args:
+        ways: what to do, by name. Each is done once beforehand, unmeasured.
+        clock: `CPU` or `WALL`.
+        seconds: how long to go on, for all ways together.
+        minimum: rounds at least.
+    """
+    repeats = {name: _repeats(way) for name, way in ways.items()}
+    durations: dict[str, list[float]] = {name: [] for name in ways}
+    began = time.perf_counter()
+    rounds = 0
+    with _quiet():
+        while rounds < minimum or time.perf_counter() - began < seconds:
+            for name, way in ways.items():
+                durations[name].append(_lasting(way, repeats[name], clock))
+            rounds += 1
+    return {name: statistics.median(found) for name, found in durations.items()}
+
+
+def once(way: Way, clock: Clock = WALL) -> float:
+    """How long something takes that can be done only once, in seconds."""
+    gc.collect()
+    return _lasting(way, 1, clock)
+
+
+def _repeats(way: Way) -> int:
+    way()
+    first = _lasting(way, 1, WALL)
+    return 1 if first > _SLICE else max(1, int(_SLICE / max(first, 1e-7)))
+
+
+def _lasting(way: Way, repeats: int, clock: Clock) -> float:
+    if repeats == 1:
+        began = clock()
+        way()
+        return clock() - began
+    turns = range(repeats)
+    began = clock()
+    for _ in turns:
+        way()
+    return (clock() - began) / repeats
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Begin without garbage; the collector itself stays on, as it is for a caller."""
+    gc.collect()
+    gc.freeze()
+    try:
+        yield
+    finally:
+        gc.unfreeze()

@@ -1,0 +1,70 @@
+"""What was measured, as one table."""
+
+from dataclasses import dataclass
+
+from rich.console import Console
+from rich.table import Table
+
+
+@dataclass(frozen=True)
+class Result:
+    """One comparison.
+
+    Attributes:
+        what: what was done.
+        with_what: what it is compared with.
+        ours: kbstore's figure, in `unit`.
+        theirs: the other's.
+        bar: the greatest ratio that is good enough; None where none is set.
+    """
+
+    what: str
+    with_what: str
+    ours: float
+    theirs: float
+    bar: float | None = None
+    unit: str = "s"
+
+    @property
+    def ratio(self) -> float:
+        """How many times the other's figure kbstore's is."""
+        return self.ours / self.theirs
+
+    @property
+    def verdict(self) -> str:
+        """Whether the bar is met."""
+        if self.bar is None:
+            return ""
+        return "yes" if self.ratio <= self.bar else "NO"
+
+
+def show(results: list[Result], console: Console) -> None:
+    """Print the table."""
+    table = Table(title="kbstore, side by side with others: medians of one run")
+    for heading in ("what", "against", "kbstore", "other", "ratio", "bar", "met"):
+        table.add_column(heading, justify="left" if heading in ("what", "against") else "right", overflow="fold")
+    for result in results:
+        table.add_row(
+            result.what,
+            result.with_what,
+            amount(result.ours, result.unit),
+            amount(result.theirs, result.unit),
+            f"{result.ratio:.2f}",
+            "" if result.bar is None else f"{result.bar:g}",
+            result.verdict,
+        )
+    console.print(table)
+
+
+def amount(figure: float, unit: str) -> str:
+    """A figure with a unit that suits its size.
+
+    >>> amount(0.00042, "s"), amount(163.2, "bytes")
+    ('420 us', '163 bytes')
+    """
+    if unit != "s":
+        return f"{figure:,.0f} {unit}" if figure >= 10 else f"{figure:.2f} {unit}"
+    for name, factor in (("s", 1.0), ("ms", 1e3), ("us", 1e6)):
+        if figure * factor >= 1:
+            return f"{figure * factor:.3g} {name}"
+    return f"{figure * 1e9:.3g} ns"

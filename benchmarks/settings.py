@@ -1,0 +1,44 @@
+"""How large and how long a run is, and where it keeps its stores."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from benchmarks.filling import fill
+from benchmarks.histories import History
+
+_FILES = ("", "-wal", "-shm")
+
+
+@dataclass(frozen=True)
+class Settings:
+    """One run.
+
+    Attributes:
+        directory: where the stores are made.
+        size: assertions in the histories that are asked about.
+        bulk: facts in a bulk update.
+        init: init facts of the problems that are loaded.
+        intervals: lengths of the history of the fact that `when` is asked about.
+        seconds: how long each comparison goes on.
+    """
+
+    directory: Path
+    size: int
+    bulk: int
+    init: tuple[int, ...]
+    intervals: tuple[int, ...]
+    seconds: float
+
+    def new(self, name: str) -> Path:
+        """A path in the directory at which no database is."""
+        path = self.directory / f"{name}.db"
+        for suffix in _FILES:
+            path.with_name(path.name + suffix).unlink(missing_ok=True)
+        return path
+
+    def store(self, history: History) -> Path:
+        """The store with a history; it is made once."""
+        path = self.directory / f"{history.shape.replace(' ', '-')}-{history.size}.db"
+        if not path.exists():
+            fill(history, path)
+        return path
