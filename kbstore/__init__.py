@@ -3,6 +3,7 @@
 See `kbstore.open` for where to begin.
 """
 
+from kbstore.archiving import Archived
 from kbstore.clock import Clock, ManualClock, SystemClock, seconds, time
 from kbstore.domain import Domain
 from kbstore.errors import (
@@ -58,6 +59,7 @@ from kbstore.transaction import OpenTransaction
 
 __all__ = [
     "Applicability",
+    "Archived",
     "Assertion",
     "AssignOp",
     "Change",

@@ -33,8 +33,14 @@ class Explainer:
         self._history = history
 
     def explain(self, state: State, question: Question) -> Explanation:
-        """Why a fact or condition is true, false or unknown in a state."""
+        """Why a fact or condition is true, false or unknown in a state.
+
+        Raises `HistoryUnavailable` where the reason lies before the history that is kept.
+        """
         with self._reader.repository() as repository:
+            head = repository.head()
+            for asked in (state.at, state.at if state.belief is None else state.belief.time):
+                self._reader.refuse_archived(asked, head)
             condition = as_condition(question, Vocabulary(state.domain))
             return self._condition(repository, state, condition)
 
@@ -114,6 +120,10 @@ class Explainer:
             known = [row for row in rows if row.cancelled is None]
         else:
             known = self._believed(repository, state.belief, rows)
+        head = repository.head()
+        if not known and head.history_from:
+            # a timeline is kept for good; what stood on it may have been archived
+            raise self._reader.archived(f"what there was of ({timeline.spelling})", head)
         return sorted(known, key=lambda row: (row.initial_time, row.recorded))
 
     def _believed(self, repository: Repository, belief: Moment, rows: Sequence[Recorded]) -> list[Recorded]:

@@ -55,7 +55,8 @@ class History:
         last = OPEN if until is None else time(until)
         with self._reader.repository() as repository:
             head = repository.head()
-            self._reader.refuse_archived(first, head)
+            for asked in (first, first if until is None else max(first, last - 1)):
+                self._reader.refuse_archived(asked, head)
             vocabulary = self._vocabulary(repository, head, pattern, last)
             found = self._matching(repository, as_item(pattern, vocabulary), vocabulary)
             rows = [
@@ -231,8 +232,12 @@ class History:
         ]
 
     def _refuse_gap(self, transactions: Sequence[Transaction], after: int, head: Head) -> None:
-        if not transactions or transactions[0].number != after + 1:
-            self._reader.refuse_archived(head.history_from - 1, head)
+        """Raise where the transactions after a number have been archived, or what they ended."""
+        if not head.history_from:
+            return
+        following = transactions[0] if transactions else None
+        if following is None or following.number != after + 1 or following.time < head.history_from:
+            raise self._reader.archived(f"what followed transaction {after}", head)
 
     # -- what the clock brings about --------------------------------------------------------------------------
 
@@ -240,6 +245,7 @@ class History:
         self, repository: Repository, head: Head, last: Transaction, after: int, upto: int
     ) -> list[Change]:
         """What took effect by the clock alone after a time and up to another, by time; `last` was before it."""
+        self._reader.refuse_archived(after + 1, head)
         due: dict[int, list[Recorded]] = defaultdict(list)
         for row in repository.due(after, upto):
             due[row.initial_time].append(row)

@@ -9,9 +9,10 @@ from typing import Any, Self
 from sqlalchemy import Engine
 from sqlalchemy.engine import URL
 
-from kbstore import conditions
+from kbstore import archiving, conditions
 from kbstore import when as spans
-from kbstore.clock import Clock, SystemClock, isoformat, time
+from kbstore.archiving import Archived
+from kbstore.clock import Clock, ManualClock, SystemClock, isoformat, time
 from kbstore.course import StoredCourse
 from kbstore.difference import difference
 from kbstore.domain import Domain
@@ -40,6 +41,7 @@ from kbstore.state import State, value_in
 from kbstore.storage import queries, schema
 from kbstore.storage.engine import Database
 from kbstore.storage.repository import Head, Moment, Repository
+from kbstore.storage.transfer import Progress, is_archive
 from kbstore.transaction import OpenTransaction
 from kbstore.vocabulary import Vocabulary
 from kbstore.watching import Watch
@@ -65,9 +67,11 @@ class KnowledgeBase:
     ) -> None:
         self.name = name
         self._database = database
-        self._read_only = read_only
+        self._is_archive = is_archive(database)
+        self._read_only = read_only or self._is_archive
         self._validate = validate
-        self._clock = clock or SystemClock()
+        # in an archive now is its end
+        self._clock = ManualClock() if self._is_archive else clock or SystemClock()
         kb, unknowns = self._find_or_create(use_unknowns)
         if use_unknowns is not None and use_unknowns != unknowns:
             raise InvalidKnowledge(
@@ -76,7 +80,13 @@ class KnowledgeBase:
             )
         self.use_unknowns = unknowns
         self._reader = Reader(
-            database, kb, name, use_unknowns=unknowns, clock=self._clock, explainer=self._explain_state
+            database,
+            kb,
+            name,
+            use_unknowns=unknowns,
+            clock=self._clock,
+            explainer=self._explain_state,
+            is_archive=self._is_archive,
         )
         self._history = History(self._reader)
         self._explainer = Explainer(self._reader, self._history)
@@ -119,10 +129,7 @@ class KnowledgeBase:
         With `expect`, the number of the latest transaction that the caller knows of, it is a `Conflict` on entry if
         another one has been committed since.
         """
-        if self._read_only:
-            raise StoreUnavailable(f"{self.name} was opened with read_only=True; open it without to write")
-        if getattr(self._writing, "open", False):
-            raise Conflict("a transaction is open in this thread; write through it, or leave its block first")
+        self._refuse_writing()
         self._writing.open = True
         return OpenTransaction(
             self._reader,
@@ -132,6 +139,14 @@ class KnowledgeBase:
             validate=self._validate,
             on_exit=self._leave_transaction,
         )
+
+    def _refuse_writing(self) -> None:
+        if self._is_archive:
+            raise StoreUnavailable(f"{self.name} is an archive here, which nobody writes to; write to its store")
+        if self._read_only:
+            raise StoreUnavailable(f"{self.name} was opened with read_only=True; open it without to write")
+        if getattr(self._writing, "open", False):
+            raise Conflict("a transaction is open in this thread; write through it, or leave its block first")
 
     def _leave_transaction(self) -> None:
         self._writing.open = False
@@ -361,7 +376,8 @@ class KnowledgeBase:
             raise InvalidTime(f"until ({isoformat(last)}) is before since ({isoformat(first)}); give them in order")
         with self._reader.repository() as repository:
             place = self._reader.place(repository)
-            self._reader.refuse_archived(first, place.head)
+            for asked in (first, max(first, last - 1)):
+                self._reader.refuse_archived(asked, place.head)
             found: list[tuple[int, int]] = []
             refusal: UnknownSymbol | None = None
             answered = False
@@ -454,6 +470,30 @@ class KnowledgeBase:
         """The time from which on history is here; what was before has been archived (rule Q7)."""
         with self._reader.repository() as repository:
             return repository.head().history_from
+
+    def archive(self, before: object, path: str | os.PathLike[str], *, progress: Progress | None = None) -> Archived:
+        """Move the history before a time into an archive, and give its space back (rule Q7).
+
+        The archive is an SQLite file. Opened like a store, ``kbstore.open(path, name)``, it answers as this knowledge
+        base would have answered just before that time. Questions here that need what was before are
+        `HistoryUnavailable` from then on. A file that has what was archived last is continued, so that one file can
+        hold all of the past; a new file begins where the store's history began. Writers and readers go on meanwhile.
+        Stopped at any moment, it is done again with the same arguments, and finishes.
+
+        Args:
+            before: a time that is not after the latest transaction.
+            path: a new file, or an archive to continue.
+            progress: told again and again how many rows are done, and of how many.
+
+        Raises:
+            InvalidTime: the time lies after the latest transaction.
+            HistoryUnavailable: what was before has been archived already, or between the file and the store some
+                history would be missing.
+            InvalidKnowledge: the file is no archive, or that of another knowledge base.
+            StoreUnavailable: the store or the file cannot be reached, or the file turned out not to be sound.
+        """
+        self._refuse_writing()
+        return archiving.archive(self._reader, before, path, progress=progress)
 
     def _explain_state(self, state: State, question: Question) -> Explanation:
         return self._explainer.explain(state, question)

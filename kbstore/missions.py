@@ -9,7 +9,7 @@ from kbstore.domain import Domain
 from kbstore.draft import Draft
 from kbstore.editor import Editor
 from kbstore.effects import Effects
-from kbstore.errors import DivisionByZero, InvalidKnowledge, NotApplicable, UndefinedFunction
+from kbstore.errors import DivisionByZero, HistoryUnavailable, InvalidKnowledge, NotApplicable, UndefinedFunction
 from kbstore.grounding import GroundAction, ground
 from kbstore.interpretation import Interpretation
 from kbstore.logic import Atom, Condition, Moment
@@ -204,8 +204,12 @@ def applicability(
 def _explained(state: State, failing: Sequence[Condition]) -> Applicability:
     found = []
     for condition in failing:
-        explanation = state.explain(condition)
-        found.append(FailingCondition(condition_text(condition), explanation.since, explanation.truth))
+        try:
+            since = state.explain(condition).since
+        except HistoryUnavailable:
+            # it has failed for longer than history is kept
+            since = None
+        found.append(FailingCondition(condition_text(condition), since, state.truth(condition)))
     return Applicability(found)
 
 

@@ -65,8 +65,10 @@ class Reader:
         use_unknowns: bool,
         clock: Clock,
         explainer: Callable[[State, Question], Explanation],
+        is_archive: bool = False,
     ) -> None:
         self.database = database
+        self.is_archive = is_archive
         self.kb = kb
         self.name = name
         self.use_unknowns = use_unknowns
@@ -104,12 +106,24 @@ class Reader:
         return Place(t, belief, head, as_of is not None and belief.time <= t)
 
     def refuse_archived(self, t: int, head: Head) -> None:
-        """Raise `HistoryUnavailable` for a time before which history has been archived away (rule Q7)."""
-        if t < head.history_from:
+        """Raise `HistoryUnavailable` for a time before which history has been archived away (rule Q7).
+
+        In an archive, also for a time after its end.
+        """
+        if self.is_archive and t > head.time:
             raise HistoryUnavailable(
-                f"{self.name} keeps its history from {isoformat(head.history_from)} on; what was before has been "
-                f"archived, and {isoformat(t)} cannot be answered here: ask the archive"
+                f"this archive of {self.name} ends at {isoformat(head.time + 1)}, and {isoformat(t)} cannot be "
+                "answered here: ask the store that it was taken from, or a later archive"
             )
+        if t < head.history_from:
+            raise self.archived(isoformat(t), head)
+
+    def archived(self, asked: str, head: Head) -> HistoryUnavailable:
+        """The refusal of a question that needs what has been archived away."""
+        return HistoryUnavailable(
+            f"{self.name} keeps its history from {isoformat(head.history_from)} on; what was before has been "
+            f"archived, and {asked} cannot be answered here: ask the archive"
+        )
 
     # -- domains ----------------------------------------------------------------------------------------------
 

@@ -133,7 +133,10 @@ class QueryResult:
 
 @dataclass(frozen=True, slots=True)
 class FailingCondition:
-    """A condition of an operator that does not hold, and since when (None: it never held, or nothing was said)."""
+    """A condition of an operator that does not hold, and since when.
+
+    `since` is None where it never held, where nothing was said, and where that lies before the history that is kept.
+    """
 
     condition: str
     since: int | None
