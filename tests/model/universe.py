@@ -127,7 +127,7 @@ ROLES = {"state": ("add", "remove"), "goal": ("add_goal", "remove_goal")}
 def update(step, world: World, now: int) -> Update:
     """The update that a step means in a world that has been advanced to now."""
     (what, which), delay = step
-    at = now + delay if delay else 0
+    at = max(0, now + delay) if delay else 0
     if what in ("cancel", "reschedule"):
         choices = [(line, start, assertion.item) for (line, start), assertion in world.pending.items()]
         if not choices:

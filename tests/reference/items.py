@@ -173,6 +173,9 @@ class RefDomain:
     predicates: dict[str, Signature] = field(default_factory=dict, hash=False)
     functions: dict[str, Signature] = field(default_factory=dict, hash=False)
 
+    def __repr__(self) -> str:
+        return f"the domain {self.name}"
+
     def is_a(self, type_name: str, wanted: str) -> bool:
         """Whether a type is another one or below it."""
         while type_name not in (wanted, ROOT):

@@ -28,11 +28,15 @@ Spans = list[tuple[int, int]]
 
 
 class Refused(Exception):
-    """The transaction is refused; `error` is the name of kbstore's error for it."""
+    """The transaction is refused; `error` is the name of kbstore's error for it.
 
-    def __init__(self, error: str, why: str) -> None:
+    `first` is the name of the error for the first update that something is wrong with.
+    """
+
+    def __init__(self, error: str, why: str, first: str = "") -> None:
         super().__init__(f"{error}: {why}")
         self.error = error
+        self.first = first or error
 
 
 class Unsettled(Exception):
@@ -67,11 +71,19 @@ class Overlay:
         self.causes: dict[Timeline, str] = {}
         self.violations: list[str] = []
         self.failures: list[Refused] = []
+        self.first_error = ""
 
     # -- updates ----------------------------------------------------------------------------------------------
 
     def apply(self, update: Update) -> None:
         """Make one update; what is wrong with it is remembered, so that all violations are found."""
+        self._apply(update)
+        if not self.first_error and self.violations:
+            self.first_error = "InvalidKnowledge"
+        elif not self.first_error and self.failures:
+            self.first_error = self.failures[0].error
+
+    def _apply(self, update: Update) -> None:
         at = update.at if update.at > self.now else self.now
         match update.what, update.item:
             case "clear", None:
@@ -397,7 +409,7 @@ class Overlay:
     def refuse(self) -> None:
         """Raise what is wrong with the transaction, if anything is (rule D1: violations come first)."""
         if self.violations:
-            raise Refused("InvalidKnowledge", "; ".join(self.violations))
+            raise Refused("InvalidKnowledge", "; ".join(self.violations), self.first_error)
         if self.failures:
             raise self.failures[0]
 
