@@ -78,10 +78,11 @@ class Checks:
                     missing = "does not exist" + ("" if t <= self._draft.now else f" at {isoformat(t)}")
                     advice = f"add it first, as: {argument} - {allowed[0]}"
                     yield f"{atom}: {argument} {missing}; {_expected(allowed)}; {advice}"
-                elif key(type_name) not in self._subtypes(allowed):
+                elif key(type_name) not in self.subtypes(allowed):
                     yield f"{atom}: {argument} is of type {type_name}; {_expected(allowed)}"
 
-    def _subtypes(self, allowed: tuple[str, ...]) -> frozenset[str]:
+    def subtypes(self, allowed: tuple[str, ...]) -> frozenset[str]:
+        """The keys of some types and of all below them."""
         subtypes = self._allowed.get(allowed)
         if subtypes is None:
             assert self._domain is not None

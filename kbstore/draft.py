@@ -11,6 +11,7 @@ object that it mentions (rules V1, C6, C9). `Draft.finish` derives them anew for
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
+from itertools import chain
 from typing import Any, NamedTuple
 
 from kbstore.clock import OPEN
@@ -90,44 +91,51 @@ class Draft:
         self.now = now
         self._repository = repository
         self._mentions = mentions
-        self._tracks: dict[Identity, Track] = {}
+        self._groups: dict[tuple[Role, KnowledgeType], dict[str, Track]] = {
+            (role, kind): {} for role in Role for kind in KnowledgeType
+        }
         self._by_id: dict[int, Track] = {}
-        self._absent: set[Identity] = set()
-        self._mentioning: dict[str, list[Track]] = defaultdict(list)
-        self._new_mentions: dict[tuple[Track, str], None] = {}
-        self._read_mentions: set[str] = set()
+        self._absent: dict[tuple[Role, KnowledgeType], set[str]] = {group: set() for group in self._groups}
+        self._new: list[Track] = []
+        self.objects_changed = 0
+        """How often the existence of an object has changed in the draft."""
+        self._mentioning: dict[str, list[Track]] = {}
         self._journal: dict[Track, tuple[Value | None, dict[int, Value], EndCause]] = {}
         self.contributions: dict[Identity, float] = {}
         """What running actions add to the rates of functions, per second."""
 
     # -- tracks -----------------------------------------------------------------------------------------------
 
-    def track(self, identity: Identity, spelling: str, mentions: Sequence[str] = ()) -> Track:
-        """The track of a timeline; `spelling` and `mentions` count where the timeline is new."""
+    def group(self, role: Role, kind: KnowledgeType) -> dict[str, Track]:
+        """The tracks of one role and knowledge type that the draft has, by key."""
+        return self._groups[role, kind]
+
+    def track(self, identity: Identity, spelling: str) -> Track:
+        """The track of a timeline; `spelling` counts where the timeline is new."""
         track = self.known(identity)
         if track is None:
             timeline = Timeline(0, *identity, None if spelling == identity.key else spelling)
-            track = self._tracks[identity] = Track(timeline, (), self.now)
-            self.mention(track, mentions)
+            track = self._groups[identity.role, identity.kind][identity.key] = Track(timeline, (), self.now)
+            self._new.append(track)
         return track
 
     def known(self, identity: Identity) -> Track | None:
         """The track of a timeline, None if there is no such timeline."""
-        track = self._tracks.get(identity)
-        if track is None and identity not in self._absent:
-            self.load([identity])
-            track = self._tracks.get(identity)
+        role, kind, name = identity
+        group = self._groups[role, kind]
+        track = group.get(name)
+        if track is None and name not in self._absent[role, kind]:
+            self.load(role, kind, [name])
+            track = group.get(name)
         return track
 
-    def load(self, identities: Iterable[Identity]) -> None:
+    def load(self, role: Role, kind: KnowledgeType, keys: Iterable[str]) -> None:
         """Read timelines at once, as far as they are stored."""
-        missing: dict[tuple[Role, KnowledgeType], list[str]] = defaultdict(list)
-        for identity in identities:
-            if identity not in self._tracks and identity not in self._absent:
-                missing[identity.role, identity.kind].append(identity.key)
-                self._absent.add(identity)
-        for (role, kind), keys in missing.items():
-            self._take_in(self._repository.find(role, kind, keys).values())
+        group, absent = self._groups[role, kind], self._absent[role, kind]
+        missing = [name for name in keys if name not in group and name not in absent]
+        if missing:
+            absent.update(missing)
+            self._take_in(self._repository.find(role, kind, missing).values())
 
     def loaded(self, timelines: Iterable[Timeline]) -> list[Track]:
         """The tracks of stored timelines."""
@@ -137,7 +145,7 @@ class Draft:
 
     def all_tracks(self) -> Iterable[Track]:
         """The tracks that the draft has."""
-        return self._tracks.values()
+        return chain.from_iterable(group.values() for group in self._groups.values())
 
     def _take_in(self, timelines: Iterable[Timeline]) -> None:
         by_kind: dict[KnowledgeType, list[Timeline]] = defaultdict(list)
@@ -148,7 +156,7 @@ class Draft:
             rows = self._repository.live(kind, [timeline.id for timeline in wanted], self.now)
             for timeline in wanted:
                 track = Track(timeline, rows.get(timeline.id, ()), self.now)
-                self._tracks[timeline.identity] = track
+                self._groups[timeline.role, kind][timeline.key] = track
                 self._by_id[timeline.id] = track
 
     # -- changes ----------------------------------------------------------------------------------------------
@@ -179,18 +187,8 @@ class Draft:
     def _touch(self, track: Track) -> None:
         if track not in self._journal:
             self._journal[track] = track.copy()
-
-    def mention(self, track: Track, objects: Iterable[str]) -> None:
-        """Note that a timeline mentions objects, so that it ends with them."""
-        for name in objects:
-            if (track, name) in self._new_mentions:
-                continue
-            self._mentioning[name].append(track)
-            self._new_mentions[track, name] = None
-
-    def mention_objects(self, track: Track, value: Value) -> None:
-        """Note the objects that a value mentions."""
-        self.mention(track, self._mentions(track.timeline, value))
+        if track.timeline.kind is KnowledgeType.INSTANCE:
+            self.objects_changed += 1
 
     def savepoint(self) -> None:
         """From here on, `roll_back` takes changes back."""
@@ -201,6 +199,7 @@ class Draft:
         for track, copy in self._journal.items():
             track.restore(copy)
         self._journal.clear()
+        self.objects_changed += 1
 
     # -- objects ----------------------------------------------------------------------------------------------
 
@@ -234,16 +233,27 @@ class Draft:
     def mentioning(self, track: Track) -> list[Track]:
         """The tracks that mention the object of an INSTANCE timeline, in the store and in the draft."""
         name = track.timeline.key
-        if track.timeline.id and name not in self._read_mentions:
-            self._read_mentions.add(name)
-            stored = self.loaded(self._repository.mentioning([track.timeline.id]))
-            known = set(self._mentioning[name])
-            self._mentioning[name] += [found for found in stored if found not in known]
-        return list(self._mentioning[name])
+        stored = self._mentioning.get(name)
+        if stored is None:
+            ids = [track.timeline.id] if track.timeline.id else []
+            stored = self._mentioning[name] = self.loaded(self._repository.mentioning(ids)) if ids else []
+        drafted = [found for found in self._new_mentioning().get(name, ()) if found not in stored]
+        return [*stored, *drafted]
+
+    def _new_mentioning(self) -> dict[str, list[Track]]:
+        """Which of the timelines that are new, or whose values mention what they like, mention an object."""
+        found: dict[str, list[Track]] = defaultdict(list)
+        metric = self._groups[Role.STATE, KnowledgeType.EXPRESSION].values()
+        for track in dict.fromkeys((*self._new, *metric)):
+            values = ([] if track.value is None else [track.value]) + list(track.ahead.values())
+            for name in {name for value in values for name in self._mentions(track.timeline, value)}:
+                found[name].append(track)
+        return found
 
     def overlay(self, rows: dict[Identity, Row], pending: dict[tuple[Identity, int], Row]) -> None:
         """Put what the draft has in the place of what is stored, standing and pending."""
-        for identity, track in self._tracks.items():
+        for track in list(self.all_tracks()):
+            identity = track.timeline.identity
             if track.timeline.kind is KnowledgeType.FUNCTION:
                 self._add_contributions(track)
             base = track.base(self.now)
@@ -261,31 +271,38 @@ class Draft:
     def finish(self, number: int) -> Writes:
         """Compare the draft with what is stored: what the transaction `number` has to write."""
         writes = Writes()
-        objects = [track for track in self._tracks.values() if track.timeline.kind is KnowledgeType.INSTANCE]
-        for track in objects:
-            if self._ends(self.existences(track)) != self._ends(self.stored_existences(track)):
-                self.mentioning(track)
+        objects = self._groups[Role.STATE, KnowledgeType.INSTANCE]
+        if self.objects_changed:
+            for track in list(objects.values()):
+                if self._ends(self.existences(track)) != self._ends(self.stored_existences(track)):
+                    self.mentioning(track)
         # what ends ahead because an object does; objects on which nothing is scheduled end nothing ahead
         ends = {track.timeline.key: self._ends(self.existences(track)) for track in self._all_scheduled_objects()}
-        for track in list(self._tracks.values()):
+        for track in list(self.all_tracks()):
             self._finish_track(track, number, ends, writes)
-        written = {track for rows in writes.adds.values() for track, *_ in rows}
-        writes.timelines = [track for track in self._tracks.values() if not track.timeline.id and track in written]
-        for track, name in self._new_mentions:
-            if track in written:
-                about = self.track(Identity(Role.STATE, KnowledgeType.INSTANCE, name), name)
-                writes.mentions.append((track, about))
-                if not about.timeline.id and about not in written:
-                    written.add(about)
-                    writes.timelines.append(about)
+        self._note_new(writes)
         return writes
+
+    def _note_new(self, writes: Writes) -> None:
+        """The timelines that are new, and which objects they mention."""
+        new: dict[Track, None] = {}
+        for kind, added in writes.adds.items():
+            for track, _, _, value in added:
+                if not track.timeline.id:
+                    new[track] = None
+                elif kind is not KnowledgeType.EXPRESSION:
+                    continue
+                for name in self._mentions(track.timeline, value):
+                    about = self.track(Identity(Role.STATE, KnowledgeType.INSTANCE, name), name)
+                    if not about.timeline.id:
+                        new[about] = None
+                    writes.mentions.append((track, about))
+        writes.timelines = list(new)
 
     def _all_scheduled_objects(self) -> list[Track]:
         stored = self.loaded(self._repository.timelines_of(self._repository.scheduled_objects(self.now)))
-        drafted = [
-            track for track in self._tracks.values() if track.timeline.kind is KnowledgeType.INSTANCE and track.ahead
-        ]
-        return list(dict.fromkeys((*stored, *drafted)))
+        objects = self._groups[Role.STATE, KnowledgeType.INSTANCE].values()
+        return list(dict.fromkeys((*stored, *(track for track in objects if track.ahead))))
 
     @staticmethod
     def _ends(existences: Sequence[Existence]) -> list[int]:
@@ -294,6 +311,8 @@ class Draft:
     def _finish_track(self, track: Track, number: int, ends: dict[str, list[int]], writes: Writes) -> None:
         kind = track.timeline.kind
         base = track.base(self.now)
+        if base is None and track.value is None and not track.ahead and not track.stored_ahead:
+            return
         if kind is KnowledgeType.FUNCTION:
             self._add_contributions(track)
         changed = False

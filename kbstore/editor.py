@@ -6,6 +6,7 @@ Every method returns the violations that it found; if there are any, it has chan
 import math
 from collections.abc import Callable, Iterable, Sequence
 from itertools import pairwise
+from typing import NamedTuple
 
 from kbstore import names
 from kbstore.checks import Checks, naming, violations_of
@@ -43,6 +44,14 @@ Violations = Sequence[str]
 _NONE: Violations = ()
 
 
+class _Form(NamedTuple):
+    """How the atoms of one symbol look: its spelling, its labels, and the types that each argument may have."""
+
+    name: str
+    labels: tuple[str, ...]
+    allowed: tuple[frozenset[str], ...]
+
+
 class Editor:
     """Applies updates to a draft, one after another, at one now."""
 
@@ -55,6 +64,9 @@ class Editor:
         self._checks = Checks(draft, vocabulary)
         self._on_removed_object = on_removed_object
         self._now = draft.now
+        self._forms: dict[tuple[KnowledgeType, str], _Form] = {}
+        self._objects: dict[str, tuple[str, str]] = {}
+        self._objects_seen = draft.objects_changed
 
     # -- adding -----------------------------------------------------------------------------------------------
 
@@ -104,7 +116,6 @@ class Editor:
             text = expression_text(expression)
             track = self._draft.track(identity, METRIC_KEY)
             value = (False, item.optimization, text)
-            self._draft.mention_objects(track, value)
             self._put(track, value, t)
         return violations
 
@@ -194,9 +205,7 @@ class Editor:
         violations = naming(text, self._checks.condition(formula, t))
         if violations:
             return violations
-        track = self._draft.track(Identity(role, kind, key(text)), text)
-        self._draft.mention_objects(track, (False, "", text))
-        return track
+        return self._draft.track(Identity(role, kind, key(text)), text)
 
     def _put(self, track: Track, value: Value, t: int) -> None:
         if t > self._now:
@@ -206,6 +215,8 @@ class Editor:
 
     def _atom_track(self, item: Fact | Function, kind: KnowledgeType, role: Role, t: int) -> Track | Violations:
         """The track of a fact or function, if its symbol, its labels and its objects are right."""
+        if t == self._now and (known := self._plain_track(item, kind, role)) is not None:
+            return known
         try:
             name, arguments = self._vocabulary.ordered(kind, item.attribute_name, item.arguments, item.labels)
         except KbStoreError as error:
@@ -216,10 +227,52 @@ class Editor:
         self._vocabulary.learn(kind, name, len(arguments), item.labels)
         return self._track(role, kind, name, arguments)
 
+    def _plain_track(self, item: Fact | Function, kind: KnowledgeType, role: Role) -> Track | None:
+        """The same in the usual case, where nothing is wrong: the hot path of bulk work; None for any other."""
+        keys = item.key
+        form = self._forms.get((kind, keys[0]))
+        if form is None:
+            form = self._form(kind, item.attribute_name)
+            if form is None:
+                return None
+        if len(keys) != len(form.allowed) + 1 or not (item.labels == form.labels or not any(item.labels)):
+            return None
+        name = " ".join(keys)
+        track = self._draft.group(role, kind).get(name)
+        if track is not None and track.value is not None:
+            # what stands speaks of objects that exist
+            return track
+        if self._objects_seen != self._draft.objects_changed:
+            self._objects_seen = self._draft.objects_changed
+            self._objects.clear()
+        spelling = form.name
+        for argument, argument_key, allowed in zip(item.arguments, keys[1:], form.allowed, strict=True):
+            known = self._objects.get(argument_key)
+            if known is None:
+                type_name = self._checks.type_at(argument, self._now)
+                if type_name is None:
+                    return None
+                known = key(type_name), self._checks.object_track(argument).timeline.spelling
+                self._objects[argument_key] = known
+            if known[0] not in allowed:
+                return None
+            spelling += f" {known[1]}"
+        return track or self._draft.track(Identity(role, kind, name), spelling)
+
+    def _form(self, kind: KnowledgeType, name: str) -> "_Form | None":
+        """How atoms of a symbol of the domain look; None without a domain, or where the symbol is not known."""
+        if self._vocabulary.domain is None or not self._vocabulary.known(kind, name):
+            return None
+        signature = self._vocabulary.signature(kind, name)
+        assert signature is not None
+        allowed = tuple(self._checks.subtypes(parameter.types) for parameter in signature.parameters)
+        form = self._forms[kind, key(name)] = _Form(signature.name, signature.labels, allowed)
+        return form
+
     def _track(self, role: Role, kind: KnowledgeType, name: str, arguments: Sequence[str]) -> Track:
         objects = [self._checks.object_track(argument).timeline for argument in arguments]
         spelling = " ".join((name, *(timeline.spelling for timeline in objects)))
-        return self._draft.track(Identity(role, kind, key(spelling)), spelling, [timeline.key for timeline in objects])
+        return self._draft.track(Identity(role, kind, key(spelling)), spelling)
 
     def track_of(self, kind: KnowledgeType, atom: Atom) -> Track:
         """The track of a ground atom that an operator's effect names. Raises `InvalidKnowledge` if it does not fit."""

@@ -31,6 +31,8 @@ METRIC_KEY = ""
 class Role(IntEnum):
     """What a timeline's assertions are for the knowledge base."""
 
+    __hash__ = int.__hash__
+
     STATE = 0
     GOAL = 1
     CONSTRAINT = 2

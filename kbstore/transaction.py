@@ -1,10 +1,12 @@
 """The one path for writing: a transaction takes the write lock and now, collects updates, and stores them at once."""
 
 import json
+from collections import defaultdict
 from collections.abc import Callable, Iterable, Sequence
 from types import TracebackType
 from typing import Self
 
+from kbstore.bulk import without_collection
 from kbstore.clock import isoformat, time
 from kbstore.domain import Domain
 from kbstore.draft import Draft
@@ -18,11 +20,13 @@ from kbstore.messages import (
     Function,
     Goal,
     Inequality,
+    Instance,
     KnowledgeItem,
     KnowledgeType,
     UpdateType,
 )
 from kbstore.missions import Mission
+from kbstore.names import key
 from kbstore.pddl.domain_reader import read_domain
 from kbstore.pddl.forms import condition_of, goals_of
 from kbstore.pddl.problem_reader import Problem, read_problem
@@ -39,6 +43,8 @@ from kbstore.vocabulary import Vocabulary
 
 TOLERANCE = 1_000_000_000
 """How far a clock may be behind the latest recorded time, in nanoseconds (rule T3)."""
+
+_OF_GOALS = (UpdateType.ADD_GOAL, UpdateType.REMOVE_GOAL)
 
 Update = Callable[[], Sequence[str]]
 """Does one update to the draft; returns its violations."""
@@ -134,7 +140,8 @@ class OpenTransaction:
         try:
             if kind is None:
                 try:
-                    self._store()
+                    with without_collection():
+                        self._store()
                 except BaseException as failure:
                     self._context.__exit__(type(failure), failure, failure.__traceback__)
                     raise
@@ -175,6 +182,10 @@ class OpenTransaction:
 
     def _apply(self, updates: Iterable[Update]) -> None:
         """Do updates one after another, or none of them; all violations are reported together (rule D1)."""
+        with without_collection():
+            self._apply_all(updates)
+
+    def _apply_all(self, updates: Iterable[Update]) -> None:
         self._draft.savepoint()
         shapes = dict(self._vocabulary.shapes)
         violations: list[str] = []
@@ -197,12 +208,12 @@ class OpenTransaction:
     def add(self, *items: object, initial_time: object = None) -> None:
         """Add knowledge to the state; `initial_time` counts for items without one of their own."""
         t = _time(initial_time)
-        self._apply(self._preloaded([(UpdateType.ADD_KNOWLEDGE, item) for item in items], t))
+        self.update([(UpdateType.ADD_KNOWLEDGE, item) for item in items], initial_time=t)
 
     def remove(self, *items: object, initial_time: object = None) -> None:
         """Remove what stands and matches; with a time after now, cancel what is scheduled for it."""
         t = _time(initial_time)
-        self._apply(self._preloaded([(UpdateType.REMOVE_KNOWLEDGE, item) for item in items], t))
+        self.update([(UpdateType.REMOVE_KNOWLEDGE, item) for item in items], initial_time=t)
 
     def add_goal(self, *goals: object, initial_time: object = None) -> None:
         """Add to the goal; a conjunction is split into its parts."""
@@ -226,7 +237,8 @@ class OpenTransaction:
     def update(self, updates: Iterable[tuple[UpdateType | int, object]], *, initial_time: object = None) -> None:
         """Do several updates, in order, all or none."""
         t = _time(initial_time)
-        self._apply(self._preloaded([(UpdateType(kind), item) for kind, item in updates], t))
+        with without_collection():
+            self._apply(self._preloaded([(UpdateType(kind), item) for kind, item in updates], t))
 
     def clear(self) -> None:
         """End everything that stands, cancel everything scheduled, abort what runs (rule C12)."""
@@ -236,22 +248,22 @@ class OpenTransaction:
     def _preloaded(self, updates: Sequence[tuple[UpdateType, object]], t: int) -> Iterable[Update]:
         """The updates as what does them; the timelines that they touch are read at once."""
         read: list[Update] = []
-        identities: set[Identity] = set()
+        wanted = _Wanted()
         for kind, knowledge in updates:
             try:
                 items = self._items(kind, knowledge)
             except KbStoreError as error:
                 read.append(_failing(knowledge, error))
                 continue
-            role = Role.GOAL if kind in (UpdateType.ADD_GOAL, UpdateType.REMOVE_GOAL) else Role.STATE
+            role = Role.GOAL if kind in _OF_GOALS else Role.STATE
             for item in items:
-                identities.update(_identities(role, item))
+                wanted.note(role, item)
                 read.append(self._update(kind, item, item.initial_time or t))
-        self._draft.load(identities)
+        wanted.load(self._draft)
         return read
 
     def _items(self, kind: UpdateType, knowledge: object) -> Sequence[KnowledgeItem | Condition]:
-        if kind in (UpdateType.ADD_GOAL, UpdateType.REMOVE_GOAL):
+        if kind in _OF_GOALS:
             return self._goals(knowledge)
         if isinstance(knowledge, str) and kind in (UpdateType.ADD_METRIC, UpdateType.REMOVE_METRIC):
             return [as_item(knowledge, self._vocabulary)]
@@ -327,10 +339,10 @@ class OpenTransaction:
             self.set_domain(domain.with_sensed(name, sensed))
 
     def _of_problem(self, problem: Problem) -> Iterable[Update]:
-        identities = {
-            identity for item in (*problem.instances, *problem.init) for identity in _identities(Role.STATE, item)
-        }
-        self._draft.load(identities)
+        wanted = _Wanted()
+        for item in (*problem.instances, *problem.init):
+            wanted.note(Role.STATE, item)
+        wanted.load(self._draft)
         updates = [self._update(UpdateType.ADD_KNOWLEDGE, item, 0) for item in (*problem.instances, *problem.init)]
         updates += [self._update(UpdateType.ADD_KNOWLEDGE, item, self.now + offset) for offset, item in problem.timed]
         updates += [self._update(UpdateType.ADD_GOAL, goal, 0) for goal in problem.goals]
@@ -432,9 +444,24 @@ def _failing(knowledge: object, error: KbStoreError) -> Update:
     return update
 
 
-def _identities(role: Role, item: KnowledgeItem | Condition) -> Iterable[Identity]:
-    """The timelines that an update will touch, as far as that can be told beforehand."""
-    if isinstance(item, Fact | Function):
-        yield Identity(role, item.knowledge_type, " ".join(item.key))
-        for name in item.key[1:]:
-            yield Identity(Role.STATE, KnowledgeType.INSTANCE, name)
+class _Wanted:
+    """The timelines that updates will touch, as far as that can be told beforehand; read at once."""
+
+    def __init__(self) -> None:
+        self._atoms: dict[tuple[Role, KnowledgeType], set[str]] = defaultdict(set)
+        self._objects: set[str] = set()
+
+    def note(self, role: Role, item: KnowledgeItem | Condition) -> None:
+        """Note what an item will touch."""
+        if isinstance(item, Fact | Function):
+            keys = item.key
+            self._atoms[role, item.knowledge_type].add(" ".join(keys))
+            self._objects.update(keys[1:])
+        elif isinstance(item, Instance):
+            self._objects.add(key(item.instance_name))
+
+    def load(self, draft: Draft) -> None:
+        """Read it."""
+        for (role, kind), keys in self._atoms.items():
+            draft.load(role, kind, keys)
+        draft.load(Role.STATE, KnowledgeType.INSTANCE, self._objects)

@@ -7,6 +7,9 @@ from typing import NoReturn
 class KnowledgeType(IntEnum):
     """What a knowledge item describes."""
 
+    # an enum hashes by its name, in Python; these are parts of keys on the hot path
+    __hash__ = int.__hash__
+
     INSTANCE = 0
     FACT = 1
     FUNCTION = 2

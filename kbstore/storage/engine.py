@@ -45,6 +45,17 @@ class Statement:
         self.postgresql = _NAMED.sub(r"%(\1)s", _EACH.sub(r"unnest(CAST(:\1 AS \2[])) AS each_row(value)", sql))
 
 
+class Insertion(Statement):
+    """Adds rows, given as sequences in the order of the columns: a name for each value would cost half the time."""
+
+    __slots__ = ()
+
+    def __init__(self, table: str, *columns: str) -> None:
+        sql = f"INSERT INTO {table} ({', '.join(columns)}) VALUES "
+        self.sqlite = f"{sql}({', '.join('?' * len(columns))})"
+        self.postgresql = f"{sql}({', '.join(['%s'] * len(columns))})"
+
+
 class Session:
     """One thread's connection. Statements outside of a transaction see the latest commit."""
 
@@ -95,7 +106,7 @@ class Session:
         text = statement.sqlite if self._sqlite else statement.postgresql
         return int(self._execute(text, parameters).rowcount)
 
-    def many(self, statement: Statement, rows: Sequence[Parameters]) -> None:
+    def many(self, statement: Statement, rows: Sequence[Parameters | Sequence[Any]]) -> None:
         """Run a statement once for each set of parameters."""
         if rows:
             text = statement.sqlite if self._sqlite else statement.postgresql

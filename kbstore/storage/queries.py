@@ -6,7 +6,7 @@ read by the same statements with each table's own columns; `for_kind` has them b
 
 from kbstore.clock import OPEN
 from kbstore.messages import KnowledgeType
-from kbstore.storage.engine import Statement
+from kbstore.storage.engine import Insertion, Statement
 from kbstore.storage.interval_tree import LEVELS_CTE, NODES_LEFT, NODES_RIGHT
 
 # -- knowledge bases and transactions -------------------------------------------------------------------------
@@ -212,10 +212,7 @@ class AssertionQueries:
         """The rows that the transactions after :after and up to :upto recorded, ended and cancelled."""
 
         columns = ("timeline_id", "initial_time", "end_time", "recorded_time", "node", "pending_node", "is_negative")
-        self.add = Statement(
-            f"INSERT INTO {table} (kb_id, recorded_tx, {', '.join((*columns, *own))})"
-            f" VALUES (:kb, :number, {', '.join(':' + column for column in (*columns, *own))})"
-        )
+        self.add = Insertion(table, "kb_id", "recorded_tx", *columns, *own)
         self.end = Statement(
             f"UPDATE {table} SET end_time = :end_time, node = :node, ended_tx = :number, end_cause = :cause"
             f" WHERE id = :id AND {kb}"
@@ -236,14 +233,6 @@ for_kind: dict[KnowledgeType, AssertionQueries] = {
     KnowledgeType.FUNCTION: AssertionQueries("functions", "function_value", "own_rate", "rate"),
     KnowledgeType.EXPRESSION: AssertionQueries("expressions", "optimization", "expr"),
     KnowledgeType.INEQUALITY: AssertionQueries("inequalities", "comparison_type", "lhs", "rhs", "grounded"),
-}
-
-value_columns: dict[KnowledgeType, tuple[str, ...]] = {
-    KnowledgeType.INSTANCE: ("is_negative", "instance_type"),
-    KnowledgeType.FACT: ("is_negative",),
-    KnowledgeType.FUNCTION: ("is_negative", "function_value", "own_rate", "rate"),
-    KnowledgeType.EXPRESSION: ("is_negative", "optimization", "expr"),
-    KnowledgeType.INEQUALITY: ("is_negative", "comparison_type", "lhs", "rhs", "grounded"),
 }
 
 settle_rate = Statement("UPDATE functions SET rate = :rate WHERE id = :id AND kb_id = :kb")

@@ -3,12 +3,12 @@
 from collections.abc import Sequence
 from typing import Any
 
-from kbstore.draft import Writes
+from kbstore.draft import Track, Writes
 from kbstore.storage import queries
 from kbstore.storage.engine import Session
 from kbstore.storage.interval_tree import node
 from kbstore.storage.repository import Head
-from kbstore.timelines import Timeline, stored_key
+from kbstore.timelines import Timeline, Value, stored_key
 
 
 class Recorder:
@@ -55,24 +55,15 @@ class Recorder:
             session.many(statements.settle, [own | _with_node(row) for row in writes.settles[kind]])
         session.many(queries.settle_rate, [own | row for row in writes.rates])
         for kind, added in writes.adds.items():
-            columns = queries.value_columns[kind]
-            rows = []
-            for track, start, end, value in added:
-                row = dict(zip(columns, value, strict=True))
-                scheduled = start > self._now
-                row |= {
-                    "kb": self._kb,
-                    "number": self._number,
-                    "timeline_id": track.timeline.id,
-                    "initial_time": start,
-                    "end_time": end,
-                    "recorded_time": self._now if scheduled else None,
-                    "node": node(start, end),
-                    "pending_node": node(self._now, start) if scheduled else None,
-                }
-                rows.append(row)
-            session.many(queries.for_kind[kind].add, rows)
+            session.many(queries.for_kind[kind].add, [self._row(*row) for row in added])
         return [track.timeline for track in writes.timelines]
+
+    def _row(self, track: Track, start: int, end: int, value: Value) -> Sequence[Any]:
+        """A new row, in the order of the statement that adds it."""
+        own = (self._kb, self._number, track.timeline.id, start, end)
+        if start <= self._now:
+            return (*own, None, node(start, end), None, *value)
+        return (*own, self._now, node(start, end), node(self._now, start), *value)
 
     def _number_timelines(self, writes: Writes) -> None:
         count = len(writes.timelines)
