@@ -51,14 +51,21 @@ class Writer:
         self._stream = stream
         self._seal = 0
         self._rows = 0
+        self._timelines = array("q")
 
     def header(self, about: Mapping[str, object], rows: Mapping[str, int]) -> None:
         """The first line: what the knowledge base is, and how many rows of each table follow."""
         self._write({"format": _FORMAT, "version": VERSION, **about, "rows": rows})
 
     def records(self, table: str, records: Sequence[Record]) -> None:
-        """Rows of a table."""
+        """Rows of a table; timelines are counted from 1, so that the same knowledge base gives the same file anywhere."""
         for record in records:
+            if table == "timelines":
+                self._timelines.append(record["id"])
+                record["id"] = len(self._timelines)
+            for name in _TIMELINES:
+                if name in record:
+                    record[name] = bisect_left(self._timelines, record[name]) + 1
             shown = {name: value for name, value in record.items() if value is not None}
             if shown.get("end_time") == OPEN:
                 del shown["end_time"]
