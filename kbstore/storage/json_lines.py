@@ -58,7 +58,7 @@ class Writer:
         self._write({"format": _FORMAT, "version": VERSION, **about, "rows": rows})
 
     def records(self, table: str, records: Sequence[Record]) -> None:
-        """Rows of a table; timelines are counted from 1, so that the same knowledge base gives the same file anywhere."""
+        """Rows of a table; timelines are counted from 1, so that the file is the same from any store."""
         for record in records:
             if table == "timelines":
                 self._timelines.append(record["id"])
