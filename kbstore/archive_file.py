@@ -181,7 +181,7 @@ def _settle(session: Session, kb: int, head: Head) -> None:
     timelines: dict[int, Timeline] = {}
     for kind in KnowledgeType:
         for row in (*repository.standing(kind, moment), *repository.pending(kind, moment)):
-            timelines[row.timeline.id] = row.timeline
+            timelines[row[0].id] = row.timeline
     draft.loaded(timelines.values())
     running = [as_running(row) for row in repository.running(moment)]
     draft.contributions = Mission(draft, running, head.last_run).contributions()

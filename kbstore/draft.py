@@ -63,7 +63,7 @@ class Track:
 
     def copy(self) -> tuple[Value | None, dict[int, Value], EndCause]:
         """What `restore` takes back."""
-        return self.value, dict(self.ahead), self.cause
+        return self.value, self.ahead.copy(), self.cause
 
     def restore(self, copy: tuple[Value | None, dict[int, Value], EndCause]) -> None:
         """Take back what was done since the copy."""

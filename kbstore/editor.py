@@ -436,7 +436,7 @@ class Editor:
                 and all(is_wildcard(pattern) or pattern == name for pattern, name in zip(wanted, keys, strict=True))
             )
 
-        found = {row.timeline.identity: row.timeline for row in there if matches(row.timeline.role, row.timeline.keys)}
+        found = {timeline.id: timeline for timeline, *_ in there if matches(timeline.role, timeline.keys)}
         self._draft.loaded(found.values())
         return [
             track
@@ -520,7 +520,7 @@ class Editor:
         moment = Moment(self._now)
         for kind in KnowledgeType:
             there = [*self._repository.standing(kind, moment), *self._repository.pending(kind, moment)]
-            self._draft.loaded({row.timeline.id: row.timeline for row in there}.values())
+            self._draft.loaded({timeline.id: timeline for timeline, *_ in there}.values())
         return list(self._draft.all_tracks())
 
 

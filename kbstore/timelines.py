@@ -59,12 +59,14 @@ class Identity(NamedTuple):
 class Timeline:
     """One timeline; `id` is 0 until it is stored."""
 
-    __slots__ = ("_labelled", "arguments", "id", "keys", "kind", "name", "role", "spelling")
+    __slots__ = ("_labelled", "arguments", "id", "key", "keys", "kind", "name", "role", "spelling")
 
     def __init__(self, id: int, role: int, kind: int, key: str, spelling: str | None) -> None:
         self.id = id
-        self.role = Role(role)
-        self.kind = KnowledgeType(kind)
+        self.role = _ROLES[role]
+        self.kind = _KINDS[kind]
+        self.key = key
+        """What it is about, as it is compared."""
         self.spelling = key if spelling is None else spelling
         if self.kind in _ATOMS:
             self.keys = tuple(key.split(" "))
@@ -75,11 +77,6 @@ class Timeline:
             self.name = self.spelling
             self.arguments = ()
         self._labelled: tuple[Sequence[str], tuple[KeyValue, ...]] | None = None
-
-    @property
-    def key(self) -> str:
-        """What it is about, as it is compared."""
-        return " ".join(self.keys)
 
     @property
     def identity(self) -> Identity:
@@ -101,6 +98,8 @@ class Timeline:
         return f"Timeline({self.id}, {self.role.name}, {self.kind.name}, {self.spelling!r})"
 
 
+_ROLES = tuple(Role)
+_KINDS = tuple(KnowledgeType)
 _ATOMS = frozenset((KnowledgeType.FACT, KnowledgeType.FUNCTION))
 
 

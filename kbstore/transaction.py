@@ -406,10 +406,8 @@ class OpenTransaction:
         rows: dict[Identity, Row] = {}
         pending: dict[tuple[Identity, int], Row] = {}
         for kind in KnowledgeType:
-            rows |= {row.timeline.identity: row for row in self._repository.standing(kind, moment)}
-            pending |= {
-                (row.timeline.identity, row.initial_time): row for row in self._repository.pending(kind, moment)
-            }
+            rows |= {row[0].identity: row for row in self._repository.standing(kind, moment)}
+            pending |= {(row[0].identity, row[1]): row for row in self._repository.pending(kind, moment)}
         self._draft.overlay(rows, pending)
         picture = Picture(
             Place(self.now, moment, self._head, False),

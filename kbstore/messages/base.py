@@ -1,18 +1,43 @@
 """What all messages share: they are frozen, and a refusal is an error of kbstore's."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from decimal import Decimal
-from typing import Any, Self
+from functools import cache
+from typing import Any, Generic, Self, TypeVar, overload
 
 from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 
 from kbstore.errors import InvalidKnowledge, KbStoreError
 
+_Value = TypeVar("_Value")
+
+
+class lazy(Generic[_Value]):
+    """A property of a frozen message that is worked out once.
+
+    `functools.cached_property` takes a lock each time in Python 3.11, which costs more than the work.
+    """
+
+    def __init__(self, work: Callable[[Any], _Value]) -> None:
+        self._work = work
+        self._name = work.__name__
+        self.__doc__ = work.__doc__
+
+    @overload
+    def __get__(self, message: None, owner: type | None = None) -> Self: ...
+    @overload
+    def __get__(self, message: object, owner: type | None = None) -> _Value: ...
+    def __get__(self, message: object, owner: type | None = None) -> _Value | Self:
+        if message is None:
+            return self
+        value = message.__dict__[self._name] = self._work(message)
+        return value
+
 
 class Message(BaseModel):
     """A frozen Pydantic model with the field names of a ROS message."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", use_enum_values=False)
+    model_config = ConfigDict(frozen=True, extra="forbid", ignored_types=(lazy,))
 
     def __init__(self, **data: Any) -> None:
         try:
@@ -34,7 +59,7 @@ class Message(BaseModel):
         message = cls.__new__(cls)
         set_slot = object.__setattr__
         set_slot(message, "__dict__", fields)
-        set_slot(message, "__pydantic_fields_set__", set(fields))
+        set_slot(message, "__pydantic_fields_set__", _given(cls))
         set_slot(message, "__pydantic_extra__", None)
         set_slot(message, "__pydantic_private__", None)
         return message
@@ -43,6 +68,12 @@ class Message(BaseModel):
         """A copy with some fields changed to values that are known to be valid."""
         kept = {name: self.__dict__[name] for name in type(self).model_fields}
         return type(self).trusted(**{**kept, **fields})
+
+
+@cache
+def _given(model: type[Message]) -> set[str]:
+    """All fields of a model: one set for all its trusted messages, which are frozen."""
+    return set(model.model_fields)
 
 
 def typed_error(name: str, error: ValidationError) -> KbStoreError:

@@ -2,14 +2,13 @@
 
 import math
 from collections.abc import Mapping
-from functools import cached_property
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, field_validator
 
 from kbstore.clock import time
 from kbstore.errors import InvalidKnowledge
-from kbstore.messages.base import Message, format_number
+from kbstore.messages.base import Message, format_number, lazy
 from kbstore.messages.enums import AssignOp, KnowledgeType
 from kbstore.messages.formulas import DomainInequality, ExprComposite, Values
 from kbstore.names import key
@@ -49,17 +48,17 @@ class _Attribute(_Item):
     attribute_name: str = ""
     values: Values = ()
 
-    @cached_property
+    @lazy
     def arguments(self) -> tuple[str, ...]:
         """The names of the arguments, in the item's order."""
         return tuple(value.value for value in self.values)
 
-    @cached_property
+    @lazy
     def labels(self) -> tuple[str, ...]:
         """The labels of the arguments, empty where there are none."""
         return tuple(value.key for value in self.values)
 
-    @cached_property
+    @lazy
     def key(self) -> tuple[str, ...]:
         """The attribute's name and the arguments as they are compared (rule D3)."""
         return tuple(map(key, (self.attribute_name, *self.arguments)))

@@ -28,19 +28,24 @@ Parameters = Mapping[str, Any]
 
 _NAMED = re.compile(r"(?<![:\w]):(\w+)")
 _EACH = re.compile(r"EACH\((\w+) AS (\w+)\)")
+_AMONG = re.compile(r"AMONG\((\w+), (\w+)\)")
 _TRANSIENT: Final = ("locked", "busy")
 
 
 class Statement:
     """One SQL statement in both dialects, with parameters written ``:name``.
 
-    ``EACH(names AS text)`` is a table with the column ``value`` of what the array parameter holds.
+    ``EACH(names AS text)`` is a table with the column ``value`` of what the array parameter holds, and
+    ``AMONG(node, path)`` says that a column has one of the numbers of the array parameter. On SQLite that is an IN
+    on purpose: a join gets a Bloom filter after ANALYZE, and the whole index is scanned.
     """
 
     __slots__ = ("postgresql", "sqlite")
 
     def __init__(self, sql: str) -> None:
-        self.sqlite = _EACH.sub(r"json_each(:\1)", sql)
+        sqlite = _AMONG.sub(r"\1 IN (SELECT value FROM json_each(:\2))", sql)
+        sql = _AMONG.sub(r"\1 = ANY(CAST(:\2 AS bigint[]))", sql)
+        self.sqlite = _EACH.sub(r"json_each(:\1)", sqlite)
         self.sqlite = self.sqlite.replace(" FOR UPDATE", "")
         self.postgresql = _NAMED.sub(r"%(\1)s", _EACH.sub(r"unnest(CAST(:\1 AS \2[])) AS each_row(value)", sql))
 

@@ -6,6 +6,8 @@ lies within it. The intervals that contain a time t are kept on the path from th
 at most 63 index look-ups of each side, however long the history.
 """
 
+from functools import lru_cache
+
 from kbstore.clock import OPEN
 
 LEVELS = 62
@@ -26,9 +28,13 @@ def node(start: int, end: int) -> int | None:
     return end & ~((1 << (different.bit_length() - 1)) - 1)
 
 
-# The nodes on the path to :t that lie left of it, and those right of it (or on it), as subqueries. The IN form is
-# deliberate: after ANALYZE, SQLite puts a Bloom filter over a join with the levels and scans the whole index.
-LEVELS_CTE = f"WITH RECURSIVE level(h) AS (SELECT 0 UNION ALL SELECT h + 1 FROM level WHERE h < {LEVELS})"
-_T = "(CAST(:t AS BIGINT) + 1)"
-NODES_RIGHT = f"(SELECT (({_T} >> h) | 1) << h FROM level WHERE ({_T} >> h) & 1 = 0)"
-NODES_LEFT = f"(SELECT ({_T} >> h) << h FROM level WHERE ({_T} >> h) & 1 = 1)"
+@lru_cache(maxsize=256)
+def path(t: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """The nodes on the path from the root to a time: those left of it or on it, and those right of it.
+
+    An interval that contains `t` is kept left of it and ends after it, or right of it and begins no later.
+    """
+    place = t + 1
+    left = tuple((place >> height) << height for height in range(LEVELS) if (place >> height) & 1)
+    right = tuple(((place >> height) | 1) << height for height in range(LEVELS) if not (place >> height) & 1)
+    return left, right

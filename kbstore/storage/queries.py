@@ -7,7 +7,6 @@ read by the same statements with each table's own columns; `for_kind` has them b
 from kbstore.clock import OPEN
 from kbstore.messages import KnowledgeType
 from kbstore.storage.engine import Insertion, Statement
-from kbstore.storage.interval_tree import LEVELS_CTE, NODES_LEFT, NODES_RIGHT
 
 # -- knowledge bases and transactions -------------------------------------------------------------------------
 
@@ -122,8 +121,8 @@ class AssertionQueries:
             """What stands at :t: intervals kept left of it, right of it, and those that are open."""
             source = f"SELECT {columns} FROM {table} WHERE {kb}"
             return (
-                f"{LEVELS_CTE} {source} AND node IN {NODES_RIGHT} AND initial_time <= :t{also}"
-                f" UNION ALL {source} AND node IN {NODES_LEFT} AND end_time > :t{also}"
+                f"{source} AND AMONG(node, right) AND initial_time <= :t{also}"
+                f" UNION ALL {source} AND AMONG(node, left) AND end_time > :t{also}"
                 f" UNION ALL {source} AND end_time = {OPEN} AND initial_time <= :t{also}"
             )
 
@@ -137,9 +136,8 @@ class AssertionQueries:
         )
         """What stood at :t after the transaction :number, when :latest is the last transaction of that time."""
 
-        pending_nodes = f"(pending_node IN {NODES_RIGHT} OR pending_node IN {NODES_LEFT})"
         pending = (
-            f"{LEVELS_CTE} SELECT {standing} FROM {table} WHERE {kb} AND {pending_nodes}"
+            f"SELECT {standing} FROM {table} WHERE {kb} AND AMONG(pending_node, path)"
             " AND recorded_time <= :t AND initial_time > :t AND (cancelled_time IS NULL OR cancelled_time > :t)"
         )
         self.pending = Statement(pending)
@@ -243,14 +241,14 @@ settle_rate = Statement("UPDATE functions SET rate = :rate WHERE id = :id AND kb
 _RUN = "SELECT number, operator, arguments, initial_time, duration FROM runs WHERE kb_id = :kb"
 
 running = Statement(
-    f"{LEVELS_CTE} {_RUN} AND node IN {NODES_RIGHT} AND initial_time <= :t"
-    f" UNION ALL {_RUN} AND node IN {NODES_LEFT} AND end_time > :t"
+    f"{_RUN} AND AMONG(node, right) AND initial_time <= :t"
+    f" UNION ALL {_RUN} AND AMONG(node, left) AND end_time > :t"
     f" UNION ALL {_RUN} AND end_time = {OPEN} AND initial_time <= :t"
 )
 
 running_as_of = Statement(
-    f"{LEVELS_CTE} {_RUN} AND node IN {NODES_RIGHT} AND initial_time <= :t AND recorded_tx <= :number"
-    f" UNION ALL {_RUN} AND node IN {NODES_LEFT} AND end_time > :t AND recorded_tx <= :number"
+    f"{_RUN} AND AMONG(node, right) AND initial_time <= :t AND recorded_tx <= :number"
+    f" UNION ALL {_RUN} AND AMONG(node, left) AND end_time > :t AND recorded_tx <= :number"
     f" UNION ALL {_RUN} AND end_time = {OPEN} AND initial_time <= :t AND recorded_tx <= :number"
     f" UNION ALL {_RUN} AND ended_tx > :number AND end_time = :t AND initial_time <= :t AND recorded_tx <= :number"
 )

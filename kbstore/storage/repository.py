@@ -7,7 +7,11 @@ from typing import Any, NamedTuple
 from kbstore.messages import KnowledgeType
 from kbstore.storage import queries
 from kbstore.storage.engine import Row, Session
+from kbstore.storage.interval_tree import path
 from kbstore.timelines import Identity, Role, Timeline, Value, stored_key
+
+Standing = tuple[Timeline, int, Value]
+"""An assertion that stands, or is pending: its timeline, since when (or from when), and what."""
 
 _CACHED_TIMELINES = 500_000
 
@@ -31,14 +35,6 @@ class Moment(NamedTuple):
     time: int
     number: int | None = None
     latest: int | None = None
-
-
-class Standing(NamedTuple):
-    """An assertion that stands, or is pending: since when (or from when), and what."""
-
-    timeline: Timeline
-    initial_time: int
-    value: Value
 
 
 class Stored(NamedTuple):
@@ -225,7 +221,7 @@ class Repository:
         row = self._session.first(queries.for_kind[timeline.kind].point, parameters)
         if row is None or row[5] is None or row[5] <= t:
             return None
-        return Standing(timeline, row[6], row[7:])
+        return timeline, row[6], row[7:]
 
     def pending(self, kind: KnowledgeType, moment: Moment) -> list[Standing]:
         """What was scheduled at a place in the record, and takes effect after it."""
@@ -234,14 +230,24 @@ class Repository:
         return self._standing(self._session.all(statement, self._place(moment)))
 
     def _place(self, moment: Moment) -> dict[str, Any]:
-        place: dict[str, Any] = {"kb": self._kb, "t": moment.time}
+        left, right = path(moment.time)
+        array = self._session.array
+        place: dict[str, Any] = {
+            "kb": self._kb,
+            "t": moment.time,
+            "left": array(left),
+            "right": array(right),
+            "path": array(left + right),
+        }
         if moment.number is not None:
             place |= {"number": moment.number, "latest": moment.latest}
         return place
 
     def _standing(self, rows: list[Row]) -> list[Standing]:
+        if not rows:
+            return []
         timelines = self.timelines([row[0] for row in rows])
-        return [Standing(timelines[row[0]], row[1], row[2:]) for row in rows]
+        return [(timelines[row[0]], row[1], row[2:]) for row in rows]
 
     def live(self, kind: KnowledgeType, ids: Sequence[int], t: int) -> dict[int, list[Stored]]:
         """For each timeline the latest row that begins no later than `t`, and those ahead of it, in order."""
