@@ -180,8 +180,8 @@ def _settle(session: Session, kb: int, head: Head) -> None:
     draft = Draft(repository, head.time, mentions)
     timelines: dict[int, Timeline] = {}
     for kind in KnowledgeType:
-        for row in (*repository.standing(kind, moment), *repository.pending(kind, moment)):
-            timelines[row[0].id] = row.timeline
+        for timeline, *_ in (*repository.standing(kind, moment), *repository.pending(kind, moment)):
+            timelines[timeline.id] = timeline
     draft.loaded(timelines.values())
     running = [as_running(row) for row in repository.running(moment)]
     draft.contributions = Mission(draft, running, head.last_run).contributions()
