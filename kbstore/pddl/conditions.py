@@ -143,11 +143,12 @@ class ConditionReader:
 
     def is_atom(self, group: Group) -> bool:
         """Whether a keyword is used as the name of a declared predicate."""
+        word = group.word(0)
         return (
-            len(group) > 1
+            self.context.is_predicate(word)
+            and word not in COMPARISONS
+            and (len(group) > 1 or word not in ("and", "or"))
             and all(isinstance(node, str) for node in group)
-            and group.word(0) not in COMPARISONS
-            and self.context.is_predicate(group.word(0))
         )
 
     def _parts(self, group: Group, variables: Variables, depth: int) -> Iterator[Condition]:

@@ -92,9 +92,7 @@ class EffectReader:
     def _is_atom(self, group: Group) -> bool:
         """Whether a group consists of words only, and does not begin with a keyword that names no predicate."""
         word = group.word(0)
-        return all(isinstance(node, str) for node in group) and (
-            word not in _WORDS or (len(group) > 1 and self.context.is_predicate(word))
-        )
+        return all(isinstance(node, str) for node in group) and (word not in _WORDS or self.conditions.is_atom(group))
 
     def _change(self, group: Group, variables: Variables) -> Change:
         function, value = self._target_and_value(group, variables, self.specials)
