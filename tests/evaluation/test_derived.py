@@ -101,6 +101,17 @@ def test_v8_a_wildcard_beside_a_missing_object_matches_no_object_where_there_is_
     assert when.truths(wild, course) == [(0, 10, F), (10, 30, U), (30, 100, F)]
 
 
+def test_v7_a_wildcard_matches_what_exists_only() -> None:
+    """V7: objects that exist and are of the parameter's type, in questions, in rules and over time."""
+    about = domain(rule("leads x:node", Atom("edge", ("?x", "?"))))
+    objects, facts = {"a": "node", "c": "object"}, {"edge a ghost": True, "edge a c": True}
+    world, course = World(about, objects=objects, facts=facts), History((0, 10), about, objects=objects)
+    course.pieces_of_facts = {row: [(0, 10, True)] for row in world.signs}
+    for wild in (Atom("edge", ("a", "?")), Atom("leads", ("a",))):
+        assert truth(wild, world) is F
+        assert when.intervals(wild, course) == []
+
+
 def test_v9_a_comparison_without_a_value_makes_unknown() -> None:
     """V9, V5: in a closed world, too, what depends on an undefined function is unknown."""
     cheap = Comparison(ComparisonType.LESS, (Atom("cost", ("?x",)),), (5.0,))
