@@ -52,7 +52,7 @@ from kbstore.messages import (
     UpdateType,
 )
 from kbstore.questions import item
-from kbstore.record import Applicability, Assertion, Change, Diff, Explanation, QueryResult, Run, Transaction
+from kbstore.record import Applicability, Assertion, Change, Diff, Ended, Explanation, QueryResult, Run, Transaction
 from kbstore.state import State
 from kbstore.storage.backup import backup
 from kbstore.transaction import OpenTransaction
@@ -75,6 +75,7 @@ __all__ = [
     "DomainFormula",
     "DomainInequality",
     "DomainOperator",
+    "Ended",
     "Explanation",
     "ExprBase",
     "ExprComposite",

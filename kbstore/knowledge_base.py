@@ -3,6 +3,7 @@
 import os
 import threading
 from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from types import TracebackType
 from typing import Any, Self
 
@@ -12,7 +13,7 @@ from sqlalchemy.engine import URL
 from kbstore import archiving, conditions
 from kbstore import when as spans
 from kbstore.archiving import Archived
-from kbstore.clock import Clock, ManualClock, SystemClock, isoformat, time
+from kbstore.clock import Clock, ManualClock, SystemClock, duration, isoformat, time
 from kbstore.course import StoredCourse
 from kbstore.difference import difference
 from kbstore.domain import Domain
@@ -36,13 +37,13 @@ from kbstore.pddl.writer import write_domain
 from kbstore.points import Points
 from kbstore.questions import Question, as_condition, as_expression
 from kbstore.reading import Reader
-from kbstore.record import Applicability, Assertion, Change, Diff, Explanation, QueryResult, Run, Transaction
+from kbstore.record import Applicability, Assertion, Change, Diff, Ended, Explanation, QueryResult, Run, Transaction
 from kbstore.state import State, value_in
 from kbstore.storage import queries, schema
 from kbstore.storage.engine import Database
 from kbstore.storage.repository import Head, Moment, Repository
 from kbstore.storage.transfer import Progress, is_archive
-from kbstore.transaction import OpenTransaction
+from kbstore.transaction import TOLERANCE, OpenTransaction
 from kbstore.vocabulary import Vocabulary
 from kbstore.watching import Watch
 
@@ -64,6 +65,7 @@ class KnowledgeBase:
         validate: bool = True,
         read_only: bool = False,
         cache: bool = True,
+        tolerance: int = TOLERANCE,
     ) -> None:
         self.name = name
         self._database = database
@@ -92,6 +94,7 @@ class KnowledgeBase:
         self._explainer = Explainer(self._reader, self._history)
         self._points = Points(self._reader, caching=cache)
         self._writing = threading.local()
+        self._tolerance = tolerance
 
     def _find_or_create(self, use_unknowns: bool | None) -> tuple[int, bool]:
         row = self._database.first(queries.find_knowledge_base, {"name": self.name})
@@ -130,15 +133,25 @@ class KnowledgeBase:
         another one has been committed since.
         """
         self._refuse_writing()
-        self._writing.open = True
         return OpenTransaction(
             self._reader,
             client=client,
             note=note,
             expect=expect,
             validate=self._validate,
-            on_exit=self._leave_transaction,
+            tolerance=self._tolerance,
+            guard=self._alone,
         )
+
+    @contextmanager
+    def _alone(self) -> Iterator[None]:
+        """One transaction at a time in a thread."""
+        self._refuse_writing()
+        self._writing.open = True
+        try:
+            yield
+        finally:
+            self._writing.open = False
 
     def _refuse_writing(self) -> None:
         if self._is_archive:
@@ -147,9 +160,6 @@ class KnowledgeBase:
             raise StoreUnavailable(f"{self.name} was opened with read_only=True; open it without to write")
         if getattr(self._writing, "open", False):
             raise Conflict("a transaction is open in this thread; write through it, or leave its block first")
-
-    def _leave_transaction(self) -> None:
-        self._writing.open = False
 
     def add(self, *items: object, initial_time: object = None, client: str = "", note: str = "") -> Transaction:
         """Add knowledge to the state: items, their PDDL text, or messages.
@@ -454,10 +464,15 @@ class KnowledgeBase:
         with self.transaction(client=client, note=note) as tx:
             return tx.start(operator, *arguments, duration=duration)
 
-    def end(self, run: Run, *, client: str = "", note: str = "") -> Applicability:
-        """End a durative action: its at-end effects. Returns the at-end conditions that fail."""
+    def end(self, run: Run, *, client: str = "", note: str = "") -> Ended:
+        """End a durative action: its at-end effects. The answer's `failing` are the at-end conditions that failed.
+
+        Raises `NotApplicable` if it does not run, or if an effect speaks of what no longer exists.
+        """
         with self.transaction(client=client, note=note) as tx:
-            return tx.end(run)
+            failing = tx.end(run).failing
+        done = tx.result
+        return Ended(done.number, done.time, done.client, done.note, done.changes, failing)
 
     def abort(self, run: Run, *, client: str = "", note: str = "") -> Transaction:
         """Abort a durative action: its continuous effects stop, and nothing else happens."""
@@ -512,6 +527,7 @@ def open(
     validate: bool = True,
     read_only: bool = False,
     cache: bool = True,
+    tolerance: object = TOLERANCE,
 ) -> KnowledgeBase:
     """Open a knowledge base, and create it if there is none of that name.
 
@@ -525,6 +541,7 @@ def open(
         validate: whether what is added must fit the domain.
         read_only: whether writing is refused.
         cache: whether answers about now are remembered until something changes (SQLite only).
+        tolerance: how far the clock may be behind the latest recorded time (a duration; rule T3).
 
     Raises:
         SchemaOutOfDate, SchemaTooNew, SchemaUnknown: the database's schema is not this kbstore's.
@@ -543,6 +560,7 @@ def open(
             validate=validate,
             read_only=read_only,
             cache=cache,
+            tolerance=duration(tolerance),
         )
     except BaseException:
         database.close()

@@ -158,6 +158,13 @@ class Applicability:
 
 
 @dataclass(frozen=True, slots=True)
+class Ended(Transaction):
+    """The transaction that ended a durative action, and the at-end conditions that failed (rule O3)."""
+
+    failing: list[FailingCondition] = field(default_factory=list)
+
+
+@dataclass(frozen=True, slots=True)
 class Explanation:
     """Why a fact or a condition is true, false or unknown.
 

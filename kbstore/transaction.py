@@ -3,6 +3,7 @@
 import json
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import AbstractContextManager, ExitStack, nullcontext
 from types import TracebackType
 from typing import Self
 
@@ -68,7 +69,7 @@ class OpenTransaction:
         expect: int | None = None,
         validate: bool = True,
         tolerance: int = TOLERANCE,
-        on_exit: Callable[[], None] = lambda: None,
+        guard: Callable[[], AbstractContextManager[None]] = nullcontext,
     ) -> None:
         self._reader = reader
         self._client = client
@@ -76,19 +77,16 @@ class OpenTransaction:
         self._expect = expect
         self._validate = validate
         self._tolerance = tolerance
-        self._on_exit = on_exit
         self._is_whole = True
         self._new_timelines: list[Timeline] = []
-        self._context = reader.database.writing()
+        self._guard = guard
+        self._contexts = ExitStack()
 
     def __enter__(self) -> Self:
-        session = self._context.__enter__()
-        try:
-            self._begin(session)
-        except BaseException as error:
-            self._context.__exit__(type(error), error, error.__traceback__)
-            self._on_exit()
-            raise
+        with ExitStack() as contexts:
+            contexts.enter_context(self._guard())
+            self._begin(contexts.enter_context(self._reader.database.writing()))
+            self._contexts = contexts.pop_all()
         return self
 
     def _begin(self, session: Session) -> None:
@@ -137,20 +135,14 @@ class OpenTransaction:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        try:
-            if kind is None:
-                try:
-                    with without_collection():
-                        self._store()
-                except BaseException as failure:
-                    self._context.__exit__(type(failure), failure, failure.__traceback__)
-                    raise
-            self._context.__exit__(kind, error, trace)
-        finally:
-            self._on_exit()
-        if kind is None:
-            for timeline in self._new_timelines:
-                self._reader.cache.put(timeline)
+        if kind is not None:
+            self._contexts.__exit__(kind, error, trace)
+            return
+        # what goes wrong in storing rolls back, as what goes wrong in the block
+        with self._contexts, without_collection():
+            self._store()
+        for timeline in self._new_timelines:
+            self._reader.cache.put(timeline)
 
     # -- storing ----------------------------------------------------------------------------------------------
 
