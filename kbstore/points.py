@@ -6,7 +6,7 @@ Every other question reads as much as it needs (`kbstore.lazy_world`), or the wh
 from collections.abc import Callable
 from typing import NamedTuple
 
-from kbstore.clock import OPEN, time
+from kbstore.clock import OPEN, TIME_LIMIT, time
 from kbstore.errors import KbStoreError
 from kbstore.interpretation import Number
 from kbstore.logic import Atom, Defined, Not
@@ -16,7 +16,7 @@ from kbstore.questions import Question, as_condition, as_expression
 from kbstore.reading import Reader
 from kbstore.storage import queries
 from kbstore.storage.engine import Session
-from kbstore.storage.repository import Head, Repository
+from kbstore.storage.repository import Moment, Repository
 from kbstore.timelines import Role, Timeline, Value
 from kbstore.vocabulary import Vocabulary
 
@@ -32,16 +32,20 @@ class Answer(NamedTuple):
     until: int
 
 
+_NOTHING = Answer(None, 0, OPEN)
+
+
 class Point:
     """A question about one timeline, ready to be asked; `negated` by ``not``."""
 
-    __slots__ = ("key", "kind", "negated", "timeline", "version")
+    __slots__ = ("key", "kind", "negated", "statement", "timeline", "version")
 
     def __init__(self, kind: KnowledgeType, key: str, *, negated: bool, version: int) -> None:
         self.kind = kind
         self.key = key
         self.negated = negated
         self.version = version
+        self.statement = queries.for_kind[kind].point
         self.timeline: Timeline | None = None
 
 
@@ -88,14 +92,12 @@ class Points:
 
     def _answer(self, point: Point, at: object) -> tuple[Answer, int] | None:
         """What stands, and the moment that was meant; None where it must be reckoned."""
-        database = self._reader.database
-        if at is not None:
-            with database.asking() as session:
-                return self._ask(session, point, time(at), about_now=False)
-        with database.asking() as session:
-            now = time(self._clock.now())
+        with self._reader.database.asking() as session:
+            if at is not None:
+                return self._ask(session, point, at if type(at) is int else time(at), about_now=False)
+            now = self._clock.now()
             if not self._caching or session.in_transaction:
-                return self._ask(session, point, now, about_now=True)
+                return self._ask(session, point, time(now), about_now=True)
             answers = session.answers(self._reader.kb)
             known: tuple[Answer, int, int] | None = answers.get(point)
             if known is not None:
@@ -103,36 +105,39 @@ class Points:
                 now = max(now, latest)
                 if since <= now < answer.until:
                     return answer, now
-            found = self._ask(session, point, now, about_now=True)
+            found = self._ask(session, point, time(now), about_now=True)
             if found is not None:
-                answer, now = found
+                answer, then = found
                 if len(answers) >= _PREPARED:
                     answers.clear()
-                latest = now if now > self._clock.now() else 0
-                answers[point] = (answer._replace(until=self._until(session, point, answer, now)), now, latest)
+                until = self._until(session, point, answer, then)
+                answers[point] = (answer._replace(until=until), then, then if then > now else 0)
             return found
 
     def _ask(self, session: Session, point: Point, t: int, *, about_now: bool) -> tuple[Answer, int] | None:
         timeline = point.timeline
         if timeline is None:
             timeline = point.timeline = self._find(session, point)
-        parameters = {"kb": self._reader.kb, "timeline": 0 if timeline is None else timeline.id, "t": t}
-        row = session.first(queries.for_kind[point.kind].point, parameters)
+        reader = self._reader
+        row = session.look_up(point.statement, reader.kb, 0 if timeline is None else timeline.id, t)
         assert row is not None
-        head = Head(*row[:5])
-        if about_now and head.time > t:
-            # a caller always sees what it wrote, also where the clock is behind (rule T3)
-            return self._ask(session, point, head.time, about_now=False)
-        self._reader.refuse_archived(t, head)
-        if point.version != self._version(session, head, t):
+        last_time, history_from, domain_version, last_run, end, initial_time = row[:6]
+        if about_now:
+            if last_time > t:
+                # a caller always sees what it wrote, also where the clock is behind (rule T3)
+                return self._ask(session, point, last_time, about_now=False)
+        elif t > last_time and (last_run or reader.is_archive) and t > self._clock.now():
+            return None
+        if t < history_from or not 0 <= t < TIME_LIMIT:
+            return None
+        if point.version != domain_version:
             self._prepared.clear()
             return None
-        if not about_now and head.last_run and t > max(head.time, self._clock.now()):
+        if t < reader.latest_version_time:
             return None
-        end = row[5]
         if end is None or end <= t:
-            return Answer(None, 0, OPEN), t
-        return Answer(row[7:], row[6], end), t
+            return _NOTHING, t
+        return Answer(row[6:], initial_time, end), t
 
     def _until(self, session: Session, point: Point, answer: Answer, now: int) -> int:
         """When the answer changes, if nobody writes."""
@@ -146,17 +151,9 @@ class Points:
         repository = Repository(session, self._reader.kb, self._reader.cache)
         return repository.find(Role.STATE, point.kind, [point.key]).get(point.key)
 
-    def _version(self, session: Session, head: Head, t: int) -> int:
-        """The version of the domain at a time; 0 for none."""
-        repository = Repository(session, self._reader.kb, self._reader.cache)
-        versions = self._reader.versions(repository, head)
-        if versions and versions[-1].time <= t:
-            return versions[-1].version
-        return sum(version.time <= t for version in versions)
-
     # -- prepared questions -----------------------------------------------------------------------------------
 
-    def _point(self, question: Question, read: Callable[[Question, int], Point | None]) -> Point | None:
+    def _point(self, question: Question, read: Callable[[Question, Vocabulary, int], Point | None]) -> Point | None:
         if isinstance(question, str):
             name: object = (question, read)
         elif isinstance(question, Fact | Function):
@@ -171,48 +168,45 @@ class Points:
             pass
         with self._reader.repository() as repository:
             head = repository.head()
-            self._reader.versions(repository, head)
+            vocabulary = self._reader.vocabulary(repository, head, Moment(self._reader.now(head)))
         try:
-            point = read(question, head.domain_version)
+            point = read(question, vocabulary, head.domain_version)
         except KbStoreError:
             # refused with the right words where it is asked as any other question
             point = None
+        if point is None and vocabulary.domain is None:
+            # what a symbol means may become known
+            return None
         if len(self._prepared) >= _PREPARED:
             self._prepared.clear()
         self._prepared[name] = point
         return point
 
-    def _vocabulary(self, version: int) -> Vocabulary:
-        versions = self._reader.known_versions
-        return Vocabulary(versions[version - 1].domain if version else None)
-
-    def _fact(self, question: Question, version: int) -> Point | None:
-        vocabulary = self._vocabulary(version)
-        if vocabulary.domain is None:
-            return None
+    @staticmethod
+    def _fact(question: Question, vocabulary: Vocabulary, version: int) -> Point | None:
         condition = as_condition(question, vocabulary)
         negated = isinstance(condition, Not)
         if isinstance(condition, Not):
             condition = condition.part
         match condition:
-            case Atom() if not vocabulary.domain.is_derived(condition.name):
-                return self._ground(KnowledgeType.FACT, condition, vocabulary, negated=negated, version=version)
+            case Atom() if vocabulary.domain is None or not vocabulary.domain.is_derived(condition.name):
+                return _ground(KnowledgeType.FACT, condition, vocabulary, negated=negated, version=version)
             case Defined(function):
-                return self._ground(KnowledgeType.FUNCTION, function, vocabulary, negated=negated, version=version)
+                return _ground(KnowledgeType.FUNCTION, function, vocabulary, negated=negated, version=version)
         return None
 
-    def _function(self, question: Question, version: int) -> Point | None:
-        vocabulary = self._vocabulary(version)
-        expression = as_expression(question, vocabulary)
-        if vocabulary.domain is None or len(expression) != 1 or not isinstance(expression[0], Atom):
-            return None
-        return self._ground(KnowledgeType.FUNCTION, expression[0], vocabulary, negated=False, version=version)
-
     @staticmethod
-    def _ground(
-        kind: KnowledgeType, atom: Atom, vocabulary: Vocabulary, *, negated: bool, version: int
-    ) -> Point | None:
-        if any(map(is_wildcard, atom.arguments)):
+    def _function(question: Question, vocabulary: Vocabulary, version: int) -> Point | None:
+        expression = as_expression(question, vocabulary)
+        if len(expression) != 1 or not isinstance(expression[0], Atom):
             return None
-        name, arguments = vocabulary.ordered(kind, atom.name, atom.arguments, ())
-        return Point(kind, " ".join(map(key, (name, *arguments))), negated=negated, version=version)
+        return _ground(KnowledgeType.FUNCTION, expression[0], vocabulary, negated=False, version=version)
+
+
+def _ground(kind: KnowledgeType, atom: Atom, vocabulary: Vocabulary, *, negated: bool, version: int) -> Point | None:
+    if any(map(is_wildcard, atom.arguments)):
+        return None
+    if vocabulary.domain is None and (kind, key(atom.name)) not in vocabulary.shapes:
+        return None
+    name, arguments = vocabulary.ordered(kind, atom.name, atom.arguments, ())
+    return Point(kind, " ".join(map(key, (name, *arguments))), negated=negated, version=version)

@@ -139,9 +139,9 @@ class Reader:
         return self._versions[: head.domain_version]
 
     @property
-    def known_versions(self) -> list[DomainVersion]:
-        """The versions of the domain that have been read."""
-        return self._versions
+    def latest_version_time(self) -> int:
+        """Since when the latest version of the domain that was read counts; 0 if there is none."""
+        return self._versions[-1].time if self._versions else 0
 
     def vocabulary(self, repository: Repository, head: Head, at: Moment) -> Vocabulary:
         """The vocabulary at a place in the record."""

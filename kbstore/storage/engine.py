@@ -50,6 +50,17 @@ class Statement:
         self.postgresql = _NAMED.sub(r"%(\1)s", _EACH.sub(r"unnest(CAST(:\1 AS \2[])) AS each_row(value)", sql))
 
 
+class Lookup(Statement):
+    """A statement whose parameters are given in an order, for the shortest way to one row."""
+
+    __slots__ = ("names",)
+
+    def __init__(self, sql: str, *names: str) -> None:
+        super().__init__(sql)
+        self.names = names
+        self.sqlite = _NAMED.sub(lambda found: f"?{names.index(found[1]) + 1}", self.sqlite)
+
+
 class Insertion(Statement):
     """Adds rows, given as sequences in the order of the columns: a name for each value would cost half the time."""
 
@@ -105,6 +116,13 @@ class Session:
         text = statement.sqlite if self._sqlite else statement.postgresql
         row: Row | None = self._execute(text, parameters).fetchone()
         return row
+
+    def look_up(self, statement: Lookup, *parameters: int) -> Row | None:
+        """The first row of a look-up, if any."""
+        if self._sqlite:
+            row: Row | None = self._execute(statement.sqlite, parameters).fetchone()
+            return row
+        return self.first(statement, dict(zip(statement.names, parameters, strict=True)))
 
     def run(self, statement: Statement, parameters: Parameters) -> int:
         """Run a statement that returns no rows; the number of rows that it changed."""

@@ -6,7 +6,7 @@ read by the same statements with each table's own columns; `for_kind` has them b
 
 from kbstore.clock import OPEN
 from kbstore.messages import KnowledgeType
-from kbstore.storage.engine import Insertion, Statement
+from kbstore.storage.engine import Insertion, Lookup, Statement
 
 # -- knowledge bases and transactions -------------------------------------------------------------------------
 
@@ -167,14 +167,17 @@ class AssertionQueries:
         )
         """For each timeline the latest row that is not after :t, ended or not, and all that lie ahead of :t."""
 
-        self.point = Statement(
-            "SELECT k.last_number, k.last_time, k.history_from, k.domain_version, k.last_run,"
+        self.point = Lookup(
+            "SELECT k.last_time, k.history_from, k.domain_version, k.last_run,"
             f" f.end_time, f.initial_time, {', '.join('f.' + column for column in value.split(', '))}"
             f" FROM knowledge_bases k LEFT JOIN {table} f ON f.id = (SELECT g.id FROM {table} g"
             " WHERE g.kb_id = :kb AND g.timeline_id = :timeline AND g.initial_time <= :t"
-            " AND g.end_time > g.initial_time ORDER BY g.initial_time DESC LIMIT 1) WHERE k.id = :kb"
+            " AND g.end_time > g.initial_time ORDER BY g.initial_time DESC LIMIT 1) WHERE k.id = :kb",
+            "kb",
+            "timeline",
+            "t",
         )
-        """The head of the knowledge base, and the latest row of one timeline that is not after :t."""
+        """Of the head of the knowledge base what matters, and the latest row of one timeline that is not after :t."""
 
         self.next_start = Statement(
             f"SELECT initial_time FROM {table} WHERE {kb} AND timeline_id = :timeline AND initial_time > :t"

@@ -217,11 +217,10 @@ class Repository:
 
     def point(self, timeline: Timeline, t: int) -> Standing | None:
         """The assertion that stands on one timeline at a time."""
-        parameters = {"kb": self._kb, "timeline": timeline.id, "t": t}
-        row = self._session.first(queries.for_kind[timeline.kind].point, parameters)
-        if row is None or row[5] is None or row[5] <= t:
+        row = self._session.look_up(queries.for_kind[timeline.kind].point, self._kb, timeline.id, t)
+        if row is None or row[4] is None or row[4] <= t:
             return None
-        return timeline, row[6], row[7:]
+        return timeline, row[5], row[6:]
 
     def pending(self, kind: KnowledgeType, moment: Moment) -> list[Standing]:
         """What was scheduled at a place in the record, and takes effect after it."""
