@@ -55,7 +55,7 @@ def _step(kb, chance: random.Random, now: int) -> None:
     ahead = now + seconds(chance.choice((1, 2, 3, 5, 8, 13)))
     atom, function, item = chance.choice(ATOMS), chance.choice(FUNCTIONS), chance.choice(OBJECTS)
     running = kb.state().running
-    match chance.randrange(16):
+    match chance.randrange(18):
         case 0 | 1 | 2:
             kb.add(atom if chance.random() < 0.7 else f"(not {atom})", client=chance.choice(("mapper", "driver")))
         case 3 | 4:
@@ -80,9 +80,9 @@ def _step(kb, chance: random.Random, now: int) -> None:
         case 13:
             kb.add_metric(chance.choice(METRICS), initial_time=chance.choice((0, ahead)))
             kb.load(chance.choice((DOMAIN, WIDER)))
-        case 14:
+        case 14 | 15:
             kb.start("work", chance.choice("rs"), chance.choice("ab"), duration=ahead - now)
-        case _ if running:
+        case 16 if running:
             chance.choice((kb.end, kb.abort))(chance.choice(running))
         case _:
             kb.add("(> (cost) 1)" if chance.random() < 0.5 else "(not (> (cost) 1))", "(lit)")
