@@ -5,13 +5,11 @@ Every method returns the violations that it found; if there are any, it has chan
 
 import math
 from collections.abc import Callable, Iterable, Sequence
-from itertools import pairwise
-from typing import NamedTuple
 
-from kbstore import names
+from kbstore.atom_tracks import AtomTracks
 from kbstore.checks import Checks, naming, violations_of
 from kbstore.clock import isoformat
-from kbstore.draft import Draft, Existence, Track
+from kbstore.draft import Draft, Track
 from kbstore.errors import (
     DivisionByZero,
     InvalidKnowledge,
@@ -34,6 +32,7 @@ from kbstore.messages import (
     KnowledgeType,
 )
 from kbstore.names import is_wildcard, key
+from kbstore.object_editor import ObjectEditor
 from kbstore.pddl.forms import condition_of, from_composite, parse_condition
 from kbstore.pddl.text import condition_text, expression_text
 from kbstore.storage.repository import Moment, Repository
@@ -42,14 +41,6 @@ from kbstore.vocabulary import Vocabulary
 
 Violations = Sequence[str]
 _NONE: Violations = ()
-
-
-class _Form(NamedTuple):
-    """How the atoms of one symbol look: its spelling, its labels, and the types that each argument may have."""
-
-    name: str
-    labels: tuple[str, ...]
-    allowed: tuple[frozenset[str], ...]
 
 
 class Editor:
@@ -62,11 +53,9 @@ class Editor:
         self._repository = repository
         self._vocabulary = vocabulary
         self._checks = Checks(draft, vocabulary)
-        self._on_removed_object = on_removed_object
+        self._atoms = AtomTracks(draft, self._checks, vocabulary)
+        self._objects = ObjectEditor(draft, repository, self._checks, vocabulary, on_removed_object)
         self._now = draft.now
-        self._forms: dict[tuple[KnowledgeType, str], _Form] = {}
-        self._objects: dict[str, tuple[str, str]] = {}
-        self._objects_seen = draft.objects_changed
 
     # -- adding -----------------------------------------------------------------------------------------------
 
@@ -79,7 +68,7 @@ class Editor:
             case Function():
                 return self._add_function(item, t)
             case Instance():
-                return self._add_instance(item, t)
+                return self._objects.add(item, t)
             case Inequality():
                 return self._add_inequality(item, Role.STATE, t)
             case Expression():
@@ -126,7 +115,7 @@ class Editor:
         return self._put_fact(item, Role.STATE, t)
 
     def _put_fact(self, item: Fact, role: Role, t: int) -> Violations:
-        track = self._atom_track(item, KnowledgeType.FACT, role, t)
+        track = self._atoms.of(item, KnowledgeType.FACT, role, t)
         if not isinstance(track, Track):
             return track
         self._put(track, (item.is_negative,), t)
@@ -137,7 +126,7 @@ class Editor:
             return [f"{item}: a value is expected, as: (= {item.atom} 80)"]
         if item.is_negative:
             return [f"{item}: a function's value cannot be negated; remove it, or assign another value"]
-        track = self._atom_track(item, KnowledgeType.FUNCTION, Role.STATE, t)
+        track = self._atoms.of(item, KnowledgeType.FUNCTION, Role.STATE, t)
         if not isinstance(track, Track):
             return track
         if item.assign_op is AssignOp.ASSIGN:
@@ -207,157 +196,15 @@ class Editor:
             return violations
         return self._draft.track(Identity(role, kind, key(text)), text)
 
+    def track_of(self, kind: KnowledgeType, atom: Atom) -> Track:
+        """The track of a ground atom that an operator's effect names. Raises `InvalidKnowledge` if it does not fit."""
+        return self._atoms.of_effect(kind, atom)
+
     def _put(self, track: Track, value: Value, t: int) -> None:
         if t > self._now:
             self._draft.schedule(track, t, value)
         else:
             self._draft.set(track, value)
-
-    def _atom_track(self, item: Fact | Function, kind: KnowledgeType, role: Role, t: int) -> Track | Violations:
-        """The track of a fact or function, if its symbol, its labels and its objects are right."""
-        if t == self._now and (known := self._plain_track(item, kind, role)) is not None:
-            return known
-        try:
-            name, arguments = self._vocabulary.ordered(kind, item.attribute_name, item.arguments, item.labels)
-        except KbStoreError as error:
-            return violations_of(error, item)
-        violations = list(self._checks.atom(kind, name, arguments, t))
-        if violations:
-            return violations
-        self._vocabulary.learn(kind, name, len(arguments), item.labels)
-        return self._track(role, kind, name, arguments)
-
-    def _plain_track(self, item: Fact | Function, kind: KnowledgeType, role: Role) -> Track | None:
-        """The same in the usual case, where nothing is wrong: the hot path of bulk work; None for any other."""
-        keys = item.key
-        form = self._forms.get((kind, keys[0]))
-        if form is None:
-            form = self._form(kind, item.attribute_name)
-            if form is None:
-                return None
-        if len(keys) != len(form.allowed) + 1 or not (item.labels == form.labels or not any(item.labels)):
-            return None
-        name = " ".join(keys)
-        track = self._draft.group(role, kind).get(name)
-        if track is not None and track.value is not None:
-            # what stands speaks of objects that exist
-            return track
-        if self._objects_seen != self._draft.objects_changed:
-            self._objects_seen = self._draft.objects_changed
-            self._objects.clear()
-        spelling = form.name
-        for argument, argument_key, allowed in zip(item.arguments, keys[1:], form.allowed, strict=True):
-            known = self._objects.get(argument_key)
-            if known is None:
-                type_name = self._checks.type_at(argument, self._now)
-                if type_name is None:
-                    return None
-                known = key(type_name), self._checks.object_track(argument).timeline.spelling
-                self._objects[argument_key] = known
-            if known[0] not in allowed:
-                return None
-            spelling += f" {known[1]}"
-        return track or self._draft.track(Identity(role, kind, name), spelling)
-
-    def _form(self, kind: KnowledgeType, name: str) -> "_Form | None":
-        """How atoms of a symbol of the domain look; None without a domain, or where the symbol is not known."""
-        if self._vocabulary.domain is None or not self._vocabulary.known(kind, name):
-            return None
-        signature = self._vocabulary.signature(kind, name)
-        assert signature is not None
-        allowed = tuple(self._checks.subtypes(parameter.types) for parameter in signature.parameters)
-        form = self._forms[kind, key(name)] = _Form(signature.name, signature.labels, allowed)
-        return form
-
-    def _track(self, role: Role, kind: KnowledgeType, name: str, arguments: Sequence[str]) -> Track:
-        objects = [self._checks.object_track(argument).timeline for argument in arguments]
-        spelling = " ".join((name, *(timeline.spelling for timeline in objects)))
-        return self._draft.track(Identity(role, kind, key(spelling)), spelling)
-
-    def track_of(self, kind: KnowledgeType, atom: Atom) -> Track:
-        """The track of a ground atom that an operator's effect names. Raises `InvalidKnowledge` if it does not fit."""
-        name, arguments = self._vocabulary.ordered(kind, atom.name, atom.arguments, ())
-        violations = list(self._checks.atom(kind, name, arguments, self._now))
-        if violations:
-            raise InvalidKnowledge(*violations)
-        return self._track(Role.STATE, kind, name, arguments)
-
-    # -- objects ----------------------------------------------------------------------------------------------
-
-    def _add_instance(self, item: Instance, t: int) -> Violations:
-        name, type_name = item.instance_name, item.instance_type or "object"
-        violations = self._instance_violations(item)
-        if violations:
-            return violations
-        domain = self._vocabulary.domain
-        if domain is not None:
-            type_name = domain.type_spelling(type_name)
-        if item.is_negative and t == self._now:
-            return self.remove(item.changed(is_negative=False), None)
-        track = self._checks.object_track(name)
-        before = self._draft.existences(track)
-        if item.is_negative:
-            standing = next((e.type_name for e in before if e.start < t <= e.end), None)
-            if standing is not None and item.instance_type and key(standing) != key(type_name):
-                return _NONE
-            self._draft.schedule(track, t, (True, standing or type_name))
-        elif t == self._now:
-            value = track.value
-            if value is not None and not value[0]:
-                if key(value[1]) == key(type_name):
-                    return _NONE
-                return [f"{item}: {name} exists with the type {value[1]}; remove it first, or use another name"]
-            ended = self._ended_now(track)
-            if ended is not None and key(ended) != key(type_name):
-                return [_meeting(name, Existence(0, t, ended), Existence(t, t, type_name))]
-            self._draft.set(track, (False, type_name))
-        else:
-            self._draft.schedule(track, t, (False, type_name))
-        return self._settled_object(track, before)
-
-    def _instance_violations(self, item: Instance) -> Violations:
-        name, domain = item.instance_name, self._vocabulary.domain
-        violations = []
-        wrong = names.problem(name)
-        if wrong:
-            violations.append(f"{item}: the name {name!r:.60} {wrong}")
-        type_name = item.instance_type
-        if domain is not None:
-            if domain.constant_spelling(name) is not None:
-                violations.append(f"{item}: {name} is a constant of the domain: it always exists, whatever is said")
-            if not domain.knows_type(type_name or "object"):
-                known = ", ".join(domain.types) or "object"
-                violations.append(f"{item}: the domain {domain.name} has no type {type_name}; it has {known}")
-        elif type_name and (wrong := names.problem(type_name)):
-            violations.append(f"{item}: the type name {type_name!r:.60} {wrong}")
-        return violations
-
-    def _ended_now(self, track: Track) -> str | None:
-        """The type with which an object existed until exactly now, if it did."""
-        latest = track.latest
-        if latest is not None and latest.value[0] and latest.initial_time == self._now:
-            start = self._repository.latest_start(track.timeline, self._now - 1)
-            rows = self._repository.history(KnowledgeType.INSTANCE, [track.timeline], start, self._now)
-            kept = [row for row in rows if row.end_time == self._now and row.initial_time < self._now]
-            return None if not kept or kept[-1].value[0] else str(kept[-1].value[1])
-        if latest is None or latest.initial_time >= self._now or latest.value[0]:
-            return None
-        ends_now = latest.end_time == self._now or (latest.end_time > self._now and track.value is None)
-        return str(latest.value[1]) if ends_now else None
-
-    def _settled_object(
-        self, track: Track, before: Sequence[Existence], cause: EndCause = EndCause.OBJECT
-    ) -> Violations:
-        """Carry through what a change of an object's existence means for others, or take it back (rules C6, C9)."""
-        after = self._draft.existences(track)
-        for earlier, later in pairwise(after):
-            if earlier.end == later.start:
-                return [_meeting(track.timeline.spelling, earlier, later)]
-        self._draft.drop_mentions(track, before, cause)
-        existed = bool(before) and before[0].start == self._now
-        if existed and not (after and after[0].start == self._now):
-            self._on_removed_object(track.timeline.key)
-        return _NONE
 
     # -- removing ---------------------------------------------------------------------------------------------
 
@@ -369,7 +216,9 @@ class Editor:
             case Function():
                 return self._remove_atoms(item, KnowledgeType.FUNCTION, Role.STATE, t)
             case Instance():
-                return self._remove_instances(item, t)
+                return self._objects.remove(
+                    item, self._matching(Role.STATE, KnowledgeType.INSTANCE, (key(item.instance_name),), t), t
+                )
             case Inequality():
                 return self._remove_inequality(item, Role.STATE, t)
             case Expression():
@@ -475,36 +324,6 @@ class Editor:
             else:
                 self._draft.cancel(track, t)
 
-    def _remove_instances(self, item: Instance, t: int | None) -> Violations:
-        domain = self._vocabulary.domain
-        if domain is not None:
-            if item.instance_type and not domain.knows_type(item.instance_type):
-                known = ", ".join(domain.types) or "object"
-                return [f"{item}: the domain {domain.name} has no type {item.instance_type}; it has {known}"]
-            if domain.constant_spelling(item.instance_name) is not None:
-                return [f"{item}: {item.instance_name} is a constant of the domain, which cannot be removed"]
-        if is_wildcard(item.instance_name) and not item.instance_type:
-            return [f"{item}: a removal names its object or its type; clear() removes everything"]
-        for track in self._matching(Role.STATE, KnowledgeType.INSTANCE, (key(item.instance_name),), t):
-            value = track.value if t is None else track.ahead.get(t)
-            if value is None or bool(value[0]) != item.is_negative or not self._of_type(item, value[1]):
-                continue
-            before = self._draft.existences(track)
-            if t is None:
-                self._draft.end(track, EndCause.REMOVED)
-            else:
-                self._draft.cancel(track, t)
-            violations = self._settled_object(track, before)
-            if violations:
-                return violations
-        return _NONE
-
-    def _of_type(self, item: Instance, type_name: str) -> bool:
-        domain = self._vocabulary.domain
-        if is_wildcard(item.instance_name) and domain is not None:
-            return domain.is_subtype(type_name, [item.instance_type])
-        return not item.instance_type or key(item.instance_type) == key(type_name)
-
     # -- everything -------------------------------------------------------------------------------------------
 
     def clear(self) -> None:
@@ -522,10 +341,3 @@ class Editor:
             there = [*self._repository.standing(kind, moment), *self._repository.pending(kind, moment)]
             self._draft.loaded({timeline.id: timeline for timeline, *_ in there}.values())
         return list(self._draft.all_tracks())
-
-
-def _meeting(name: str, earlier: Existence, later: Existence) -> str:
-    return (
-        f"{name} - {later.type_name} from {isoformat(later.start)} on: until then {name} exists with the type "
-        f"{earlier.type_name}; an object changes its type only after an end strictly before"
-    )
