@@ -163,6 +163,7 @@ class History:
                     recorded=transactions[row.recorded],
                     ended=None if ended is None else transactions[ended],
                     cancelled=None if cancelled is None else transactions[cancelled],
+                    is_goal=row.timeline.role is Role.GOAL,
                 )
             )
         return found

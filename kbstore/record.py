@@ -29,6 +29,7 @@ class Assertion:
 
     `recorded`, `ended` and `cancelled` are the transactions that did so. An end that came, or is to come, by the
     clock (the next assertion, the end of an object) is the doing of the transaction that had scheduled it.
+    `is_goal` tells what was wanted from what stood.
     """
 
     item: KnowledgeItem | Condition
@@ -37,6 +38,7 @@ class Assertion:
     recorded: Transaction
     ended: Transaction | None = None
     cancelled: Transaction | None = None
+    is_goal: bool = False
 
     def __str__(self) -> str:
         end = "" if self.end_time is None else isoformat(self.end_time)
