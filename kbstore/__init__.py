@@ -26,7 +26,7 @@ from kbstore.errors import (
     UnknownSymbol,
 )
 from kbstore.interchange import export_knowledge_base, import_knowledge_base
-from kbstore.knowledge_base import KnowledgeBase, knowledge_bases, open
+from kbstore.knowledge_base import KnowledgeBase
 from kbstore.messages import (
     AssignOp,
     ComparisonType,
@@ -51,6 +51,7 @@ from kbstore.messages import (
     Truth,
     UpdateType,
 )
+from kbstore.opening import knowledge_bases, open
 from kbstore.questions import item
 from kbstore.record import Applicability, Assertion, Change, Diff, Ended, Explanation, QueryResult, Run, Transaction
 from kbstore.state import State

@@ -4,20 +4,25 @@ Only the timelines that a condition reads are read, from the assertion that stan
 """
 
 from collections import defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
 
 from kbstore.clock import OPEN
 from kbstore.domain import Domain
+from kbstore.errors import UnknownSymbol
 from kbstore.history import History
 from kbstore.interpretation import Arguments, Number, Span
+from kbstore.intervals import Intervals, merged
 from kbstore.messages import KnowledgeType
 from kbstore.names import key
 from kbstore.projection import Event
+from kbstore.questions import Question, as_condition
 from kbstore.reading import Place, Reader
 from kbstore.snapshot import is_of
 from kbstore.storage.repository import Recorded, Repository
 from kbstore.timelines import Identity, Role, Timeline, Value
+from kbstore.vocabulary import Vocabulary
+from kbstore.when import intervals
 
 Piece = tuple[int, int, Value, int]
 """From when, until when, what, and the initial time of the assertion."""
@@ -172,6 +177,45 @@ class StoredCourse:
             for event in state.projection().advance(self.span[1]):
                 found[event.timeline.identity].append(event)
         return found
+
+
+def when_true(reader: Reader, history: History, condition: Question, first: int, last: int) -> Intervals:
+    """The maximal intervals in ``[first, last)`` in which a condition is true (rule Q4).
+
+    Each version of the domain counts for its part of the span; a symbol must be known to one of them (rule D4).
+    """
+    found: list[Span] = []
+    refusal: UnknownSymbol | None = None
+    answered = False
+    with reader.repository() as repository:
+        place = reader.place(repository)
+        for asked in (first, max(first, last - 1)):
+            reader.refuse_archived(asked, place.head)
+        for start, end, vocabulary in _vocabularies(reader, repository, place, first, last):
+            course = StoredCourse(reader, history, repository, place, (start, end), vocabulary.domain)
+            try:
+                found += intervals(as_condition(condition, vocabulary), course)
+                # before the first domain everything can be said, which does not make a symbol known
+                answered = answered or vocabulary.domain is not None
+            except UnknownSymbol as error:
+                refusal = refusal or error
+    if refusal is not None and not answered:
+        raise refusal
+    return merged(found)
+
+
+def _vocabularies(
+    reader: Reader, repository: Repository, place: Place, first: int, last: int
+) -> Iterator[tuple[int, int, Vocabulary]]:
+    """The versions of the domain in a span, each with its part of the span."""
+    bare = Vocabulary(None, reader.shapes(repository))
+    versions = reader.versions(repository, place.head)
+    starts = [(0, bare), *((version.time, Vocabulary(version.domain)) for version in versions)]
+    for index, (since, vocabulary) in enumerate(starts):
+        until = starts[index + 1][0] if index + 1 < len(starts) else last
+        start, end = max(first, since), min(last, until)
+        if start < end or (first == last and index + 1 == len(starts)):
+            yield start, end, vocabulary
 
 
 def _is_of_symbol(identity: Identity, name: str) -> bool:

@@ -7,20 +7,16 @@ from contextlib import contextmanager
 from types import TracebackType
 from typing import Any, Self
 
-from sqlalchemy import Engine
-from sqlalchemy.engine import URL
-
 from kbstore import archiving, conditions
-from kbstore import when as spans
 from kbstore.archiving import Archived
-from kbstore.clock import Clock, ManualClock, SystemClock, duration, isoformat, time
-from kbstore.course import StoredCourse
+from kbstore.clock import Clock, ManualClock, SystemClock, isoformat, time
+from kbstore.course import when_true
 from kbstore.difference import difference
 from kbstore.domain import Domain
 from kbstore.errors import Conflict, InvalidKnowledge, InvalidTime, StoreUnavailable, UnknownSymbol
 from kbstore.explanation import Explainer
 from kbstore.history import History
-from kbstore.intervals import Intervals, merged
+from kbstore.intervals import Intervals
 from kbstore.messages import (
     Expression,
     Fact,
@@ -39,12 +35,11 @@ from kbstore.questions import Question, as_condition, as_expression
 from kbstore.reading import Reader
 from kbstore.record import Applicability, Assertion, Change, Diff, Ended, Explanation, QueryResult, Run, Transaction
 from kbstore.state import State, value_in
-from kbstore.storage import queries, schema
+from kbstore.storage import queries
 from kbstore.storage.engine import Database
-from kbstore.storage.repository import Head, Moment, Repository
+from kbstore.storage.repository import Moment
 from kbstore.storage.transfer import Progress, is_archive
 from kbstore.transaction import TOLERANCE, OpenTransaction
-from kbstore.vocabulary import Vocabulary
 from kbstore.watching import Watch
 
 
@@ -384,36 +379,7 @@ class KnowledgeBase:
         first, last = time(since), time(until)
         if last < first:
             raise InvalidTime(f"until ({isoformat(last)}) is before since ({isoformat(first)}); give them in order")
-        with self._reader.repository() as repository:
-            place = self._reader.place(repository)
-            for asked in (first, max(first, last - 1)):
-                self._reader.refuse_archived(asked, place.head)
-            found: list[tuple[int, int]] = []
-            refusal: UnknownSymbol | None = None
-            answered = False
-            for start, end, domain in self._domains_over(repository, place.head, first, last):
-                vocabulary = Vocabulary(domain) if domain else Vocabulary(None, self._reader.shapes(repository))
-                course = StoredCourse(self._reader, self._history, repository, place, (start, end), domain)
-                try:
-                    found += spans.intervals(as_condition(condition, vocabulary), course)
-                    answered = True
-                except UnknownSymbol as error:
-                    refusal = refusal or error
-            if refusal is not None and not answered:
-                raise refusal
-        return merged(found)
-
-    def _domains_over(
-        self, repository: Repository, head: Head, first: int, last: int
-    ) -> Iterator[tuple[int, int, Domain | None]]:
-        """The versions of the domain in a span, each with its part of the span."""
-        versions = self._reader.versions(repository, head)
-        starts = [(0, None), *((version.time, version.domain) for version in versions)]
-        for index, (start, domain) in enumerate(starts):
-            end = starts[index + 1][0] if index + 1 < len(starts) else last
-            start, end = max(first, start), min(last, end)  # noqa: PLW2901 - clipped to the span
-            if start < end or (first == last and index + 1 == len(starts)):
-                yield start, end, domain
+        return when_true(self._reader, self._history, condition, first, last)
 
     def diff(self, t1: object, t2: object) -> Diff:
         """What became true, became false, was withdrawn, and which numbers changed, from `t1` to `t2` (rule Q5)."""
@@ -515,65 +481,3 @@ class KnowledgeBase:
 
     def __repr__(self) -> str:
         return f"<KnowledgeBase {self.name!r} in {self._database.engine.url.render_as_string(hide_password=True)}>"
-
-
-def open(
-    url: str | os.PathLike[str] | URL | Engine,
-    name: str = "default",
-    *,
-    clock: Clock | None = None,
-    use_unknowns: bool | None = None,
-    durability: str = "full",
-    validate: bool = True,
-    read_only: bool = False,
-    cache: bool = True,
-    tolerance: object = TOLERANCE,
-) -> KnowledgeBase:
-    """Open a knowledge base, and create it if there is none of that name.
-
-    Args:
-        url: a SQLAlchemy URL, the path of an SQLite file, or an `Engine` of the caller's.
-        name: which world in the store: one robot, or one run.
-        clock: what tells now; the wall clock if None.
-        use_unknowns: whether absent reads as unknown (open world); set at creation and stored. None: as stored, and
-            a closed world for a new knowledge base.
-        durability: "full" keeps every acknowledged transaction through a loss of power; "normal" may lose the last.
-        validate: whether what is added must fit the domain.
-        read_only: whether writing is refused.
-        cache: whether answers about now are remembered until something changes (SQLite only).
-        tolerance: how far the clock may be behind the latest recorded time (a duration; rule T3).
-
-    Raises:
-        SchemaOutOfDate, SchemaTooNew, SchemaUnknown: the database's schema is not this kbstore's.
-        StoreUnavailable: the database cannot be reached.
-        InvalidKnowledge: it was created with another `use_unknowns`.
-    """
-    database = Database(url, durability=durability, read_only=read_only)
-    try:
-        with database.translating():
-            schema.ensure(database.engine, read_only=read_only)
-        return KnowledgeBase(
-            database,
-            name,
-            clock=clock,
-            use_unknowns=use_unknowns,
-            validate=validate,
-            read_only=read_only,
-            cache=cache,
-            tolerance=duration(tolerance),
-        )
-    except BaseException:
-        database.close()
-        raise
-
-
-def knowledge_bases(url: str | os.PathLike[str] | URL | Engine) -> list[str]:
-    """The names of the knowledge bases in a store."""
-    database = Database(url, read_only=True)
-    try:
-        with database.translating():
-            schema.ensure(database.engine, read_only=True)
-        with database.reading() as session:
-            return [row[0] for row in session.all(queries.knowledge_base_names, {})]
-    finally:
-        database.close()
