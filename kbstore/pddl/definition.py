@@ -44,15 +44,13 @@ def read_definition(context: Context, kind: str, known: Collection[str], repeate
     forms = [index for index, form in enumerate(top) if not (isinstance(form, Group) and form.word(0) == "in-package")]
     if not forms:
         raise context.error(f"the text is empty; a {kind} is (define ({kind} name) ...)", top)
-    if len(forms) > 1:
-        if isinstance(top[forms[0]], Group) and top[forms[0]][0] == "define":
-            problem = "this stands outside of the definition, which ended before: there is a ')' too many before"
-        else:
-            problem = f"a text is one definition, (define ({kind} name) ...)"
-        raise context.error(problem, top, forms[int(isinstance(top[forms[0]], Group))])
     whole = top[forms[0]]
     if not isinstance(whole, Group) or whole.word(0) != "define":
         raise context.error(f"a {kind} begins with (define ({kind} name) ...), not with this", top, forms[0])
+    if len(forms) > 1:
+        raise context.error(
+            "this stands outside of the definition, which ended before: there is a ')' too many before", top, forms[1]
+        )
     header = whole[1] if len(whole) > 1 else None
     if not isinstance(header, Group) or len(header) != 2 or not isinstance(header[1], str):
         raise context.error(f"(define ...) is followed by ({kind} name)", whole, 1)

@@ -3,7 +3,8 @@
 import pytest
 
 from kbstore.errors import PddlSyntaxError
-from kbstore.pddl.sexpr import MAX_DEPTH, Group, Source, node_text
+from kbstore.pddl import sexpr
+from kbstore.pddl.sexpr import Group, Source, node_text
 
 
 def read(text):
@@ -46,10 +47,12 @@ class TestReading:
         top = read("(" * depth + "a" + ")" * depth)
         assert node_text(top) == "(" * depth + "a" + ")" * depth
 
-    def test_too_deep(self):
+    def test_too_deep(self, monkeypatch):
         """Nesting that would fill the memory is refused."""
+        monkeypatch.setattr(sexpr, "MAX_DEPTH", 1000)
+        assert len(read("(" * 1000 + ")" * 1000)) == 1
         with pytest.raises(PddlSyntaxError, match="nested deeper"):
-            read("(" * (MAX_DEPTH + 10))
+            read("(" * 1010 + ")" * 1010)
 
     def test_node_text(self):
         """A group's text has single spaces, and can be cut off."""

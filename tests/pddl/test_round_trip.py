@@ -1,0 +1,89 @@
+"""What is written is read back equal."""
+
+from hypothesis import given
+
+from kbstore.logic import Add, Atom, Change, Delete, Forall, ForEach, Parameter, When
+from kbstore.messages import AssignOp, Function
+from kbstore.pddl.domain_reader import read_domain
+from kbstore.pddl.forms import from_composite, parse_condition, parse_expression, parse_item, to_composite
+from kbstore.pddl.sexpr import Source, node_text
+from kbstore.pddl.text import condition_text, effect_text, expression_text
+from tests.pddl import strategies
+
+
+def shape(expression):
+    """An expression with the types of its tokens, as numbers of different kinds may be equal."""
+    return [(type(token), token, repr(token)) for token in expression]
+
+
+@given(strategies.expressions())
+def test_expressions(expression):
+    """Expressions survive their text, and their message, to the last bit of each number."""
+    assert shape(parse_expression(expression_text(expression))) == shape(expression)
+    assert shape(from_composite(to_composite(expression))) == shape(expression)
+    assert str(to_composite(expression)) == expression_text(expression)
+
+
+@given(strategies.conditions())
+def test_conditions(condition):
+    """Conditions survive their text, which is canonical."""
+    text = condition_text(condition)
+    found = parse_condition(text)
+    assert found == condition
+    assert condition_text(found) == text
+    assert node_text(Source(text).read()) == text
+
+
+@given(strategies.facts | strategies.instances)
+def test_items(item):
+    """Facts and objects survive their text."""
+    assert parse_item(str(item)) == item
+
+
+@given(strategies.functions)
+def test_functions(item):
+    """Values, changes and rates survive their text."""
+    found = parse_item(str(item))
+    assert isinstance(found, Function)
+    assert found == item
+    assert repr(found.function_value) == repr(item.function_value)
+
+
+@given(strategies.comparisons())
+def test_inequalities(comparison):
+    """Comparisons are items that survive their text."""
+    text = condition_text(comparison)
+    item = parse_item(text)
+    if not (isinstance(item, Function) and item.assign_op is AssignOp.ASSIGN):
+        assert str(item) == text
+        assert parse_item(str(item)) == item
+
+
+def test_effects():
+    """Effects of every kind are written as they were read."""
+    effects = (
+        "(p ?x)",
+        "(not (p ?x))",
+        "(increase (f) (+ (f) 1))",
+        "(when (and (p ?x) (not (p ?x))) (and (p ?x) (assign (f) 2)))",
+        "(forall (?y - object) (when (p ?y) (not (p ?y))))",
+    )
+    domain = read_domain(
+        f"""(define (domain d) (:predicates (p ?x)) (:functions (f))
+        (:action a :parameters (?x) :effect (and {" ".join(effects)}))
+        (:durative-action b :duration () :effect (decrease (f) (* #t (f)))))"""
+    )
+    assert tuple(effect_text(effect) for _, effect in domain.action("a").effects) == effects
+    assert [effect_text(effect) for _, effect in domain.action("b").effects] == ["(increase (f) (* #t (- (f))))"]
+
+
+def test_built_effects():
+    """Effects that a program built are written, too."""
+    p = Atom("p")
+    effect = ForEach(
+        (Parameter("x", ("a", "b")),),
+        (When(Forall((), p), (Add(p), Delete(p))), Change(AssignOp.ASSIGN_CTS, p, (1.0,))),
+    )
+    assert effect_text(effect) == (
+        "(forall (?x - (either a b)) (and (when (forall () (p)) (and (p) (not (p)))) (increase (p) (* #t 1))))"
+    )
