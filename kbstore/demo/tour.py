@@ -173,11 +173,17 @@ def new_file() -> Path:
     return next(path for name in names if not (path := directory / name).exists())
 
 
-def run(file: Path | None = None, console: Console | None = None) -> Path:
-    """Play the mission into a new file and show everything; returns the file. An existing file is refused."""
+def unused(file: Path | None) -> Path:
+    """The file, or a new one if none is named; one that exists is refused."""
     path = new_file() if file is None else file
     if path.exists():
         raise StoreUnavailable(f"{path} exists already; name a file that does not, the demonstration begins a new one")
+    return path
+
+
+def run(file: Path | None = None, console: Console | None = None) -> Path:
+    """Play the mission into a new file and show everything; returns the file. An existing file is refused."""
+    path = unused(file)
     shown = console or Console(highlight=False)
     if shown.width > WIDTH or not shown.is_terminal:
         shown.width = WIDTH

@@ -5,10 +5,12 @@ from dataclasses import dataclass
 from kbstore.clock import SECOND, isoformat
 from kbstore.messages import format_number
 
-_MILLISECOND = SECOND // 1000
 _MINUTE = 60 * SECOND
 _HOUR = 60 * _MINUTE
 _DAY = 24 * _HOUR
+
+_FINEST = ((10 * SECOND, SECOND), (SECOND, SECOND // 10), (0, SECOND // 1000))
+"""From how long on, what is the finest that is shown of how long ago."""
 
 _UNITS = ((_DAY, "d"), (_HOUR, "h"), (_MINUTE, "min"), (SECOND, "s"))
 
@@ -58,7 +60,8 @@ class Moments:
             return "now"
         away = abs(t - self.now)
         # how long ago is for orientation: the absolute time is exact
-        shown = span(away // SECOND * SECOND if away >= 10 * SECOND else away // _MILLISECOND * _MILLISECOND)
+        finest = next(unit for least, unit in _FINEST if away >= least)
+        shown = span(away // finest * finest)
         return f"{shown} ago" if t < self.now else f"in {shown}"
 
     def interval(self, start: int, end: int | None) -> str:

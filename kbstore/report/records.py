@@ -60,7 +60,7 @@ def change_view(change: Change, moments: Moments) -> RenderableType:
     lines = [title]
     for sign, found in (("+", change.asserted), ("-", change.ended), ("x", change.cancelled)):
         for assertion in found:
-            line = Text(f"  {sign} ").append_text(item_text(assertion.item))
+            line = Text(f"  {sign} {'goal ' if assertion.is_goal else ''}").append_text(item_text(assertion.item))
             if sign != "-" and assertion.initial_time > change.time:
                 line.append(f"  for {moments.absolute(assertion.initial_time)}", DIM)
             lines.append(line)

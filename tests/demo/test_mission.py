@@ -65,7 +65,7 @@ def test_the_belief_before_the_alarm_is_of_a_future_that_did_not_come(kenny):
 
 
 def test_the_door_has_a_history(kenny):
-    """Opened by the clock, closed by the alarm, opened again, with a closing that was cancelled for a later one (Q3)."""
+    """Opened by the clock, closed by the alarm, opened again; a closing was cancelled for a later one (Q3)."""
     history = [
         (str(found.item), found.initial_time, found.recorded.client, found.cancelled and found.cancelled.client)
         for found in kenny.history("(open lab_door)")
@@ -114,7 +114,7 @@ def test_what_is_scheduled_is_known_beforehand(kenny):
 
 
 def test_the_difference_over_seven_minutes(kenny):
-    """From 08:59 to 09:06: one parcel withdrawn, one delivered, the door open, the robot gone, 40.5 percent used (Q5)."""
+    """From 08:59 to 09:06: a parcel withdrawn, one delivered, the door open, the robot gone, 40.5 percent used (Q5)."""
     diff = kenny.diff(moment("08:59:00"), moment("09:06:00"))
     assert sorted(map(str, diff.became_true)) == ["(delivered blood lab)", "(open lab_door)"]
     assert sorted(map(str, diff.withdrawn)) == [

@@ -1,0 +1,140 @@
+"""The commands together, and the options that may stand before them."""
+
+from collections.abc import Callable, Mapping
+from importlib.metadata import version
+from inspect import cleandoc
+from typing import Annotated, Any
+
+import typer
+
+from kbstore.cli import asking, keeping, migrating, recorded, telling
+from kbstore.cli.faults import OneLineErrors
+from kbstore.cli.options import STORE
+
+app = typer.Typer(
+    name="kbstore",
+    cls=OneLineErrors,
+    help=(
+        "A knowledge base that remembers: what stood, stands and is expected to stand, at any time.\n\n"
+        "The options of the store stand before the command or after it."
+    ),
+    invoke_without_command=True,
+    pretty_exceptions_enable=False,
+)
+goal = typer.Typer(invoke_without_command=True, help="Add to the goal, or remove from it.")
+db = typer.Typer(invoke_without_command=True, help="The store's schema: upgrade it, check it.")
+
+
+app.add_typer(goal, name="goal", rich_help_panel="Tell")
+app.add_typer(db, name="db", rich_help_panel="Keep")
+
+Commands = dict[str, Callable[..., None]]
+
+COMMANDS: list[tuple[typer.Typer, str | None, Commands]] = [
+    (
+        app,
+        "Tell",
+        {"load": telling.load, "add": telling.add, "remove": telling.remove, "metric": telling.metric},
+    ),
+    (
+        app,
+        "Ask about a moment",
+        {
+            "state": asking.state,
+            "holds": asking.holds,
+            "value": asking.value,
+            "explain": asking.explain,
+            "applicable": asking.applicable,
+        },
+    ),
+    (
+        app,
+        "Ask over time",
+        {"history": recorded.history, "when": recorded.when, "diff": recorded.diff, "changes": recorded.changes},
+    ),
+    (
+        app,
+        "Keep",
+        {
+            "kbs": keeping.kbs,
+            "export": keeping.export,
+            "import": keeping.import_,
+            "backup": keeping.backup,
+            "archive": keeping.archive,
+            "demo": keeping.demo,
+        },
+    ),
+    (goal, None, {"add": telling.goal_add, "remove": telling.goal_remove}),
+    (
+        db,
+        None,
+        {
+            "upgrade": migrating.upgrade,
+            "downgrade": migrating.downgrade,
+            "current": migrating.current,
+            "check": migrating.check,
+            "history": migrating.history,
+        },
+    ),
+]
+"""Every command: its group, its panel in the help, its function by its name."""
+
+for _group, _panel, _functions in COMMANDS:
+    for _name, _function in _functions.items():
+        # the lines of examples stay lines, and a relative time like -5m may stand where an option could
+        _help = cleandoc(_function.__doc__ or "").replace("Examples:\n", "\b\nExamples:\n")
+        _settings = {"ignore_unknown_options": _name == "diff"}
+        _group.command(_name, help=_help, rich_help_panel=_panel, context_settings=_settings)(_function)
+
+
+@goal.callback()
+@db.callback()
+def show_help(ctx: typer.Context) -> None:
+    """Where no command follows, show which there are."""
+    if ctx.invoked_subcommand is None:
+        typer.echo(ctx.get_help())
+        raise typer.Exit
+
+
+@app.callback()
+def before(
+    ctx: typer.Context,
+    url: Annotated[
+        str | None,
+        typer.Option(
+            metavar="URL",
+            envvar="KBSTORE_URL",
+            help="The store: an SQLite file, or a SQLAlchemy URL.",
+            rich_help_panel=STORE,
+        ),
+    ] = None,
+    kb: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", envvar="KBSTORE_KB", help="The knowledge base.", rich_help_panel=STORE),
+    ] = None,
+    now: Annotated[
+        str | None, typer.Option(metavar="TIME", help="What to take as now; last is possible.", rich_help_panel=STORE)
+    ] = None,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Answer in JSON.", rich_help_panel=STORE, show_default=False)
+    ] = False,
+    show_version: Annotated[bool, typer.Option("--version", help="Show the version and exit.")] = False,
+) -> None:
+    """Hand the options that stand before a command on to it, which may still say otherwise."""
+    if show_version:
+        typer.echo(f"kbstore {version('kbstore')}")
+        raise typer.Exit
+    show_help(ctx)
+    given = {"url": url, "kb": kb, "now": now, "as_json": as_json or None}
+    ctx.default_map = _for_each(ctx.command, {name: value for name, value in given.items() if value is not None})
+
+
+def _for_each(command: Any, given: Mapping[str, Any]) -> dict[str, Any]:
+    """The same defaults for every command below a group."""
+    below: Mapping[str, Any] = getattr(command, "commands", {})
+    return {name: _for_each(part, given) if hasattr(part, "commands") else dict(given) for name, part in below.items()}
+
+
+def main() -> None:
+    """The console script ``kbstore``."""
+    app(prog_name="kbstore")

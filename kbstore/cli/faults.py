@@ -1,0 +1,71 @@
+"""What goes wrong on the command line: one line on standard error, and exit code 2."""
+
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any, NoReturn
+
+import typer
+from typer.core import TyperGroup
+
+from kbstore.errors import InvalidKnowledge, KbStoreError, PddlSyntaxError
+
+FAILED = 2
+"""The exit code of every error."""
+
+INTERRUPTED = 130
+"""The exit code after Ctrl-C, as shells have it."""
+
+
+def one_line(error: BaseException) -> str:
+    """What an error says, on one line."""
+    if isinstance(error, PddlSyntaxError):
+        # without the quoted line and the mark below it: the place says where
+        return str(error).partition("\n")[0]
+    if isinstance(error, InvalidKnowledge) and len(error.violations) > 1:
+        return f"{len(error.violations)} violations: {'; '.join(map(_joined, error.violations))}"
+    if isinstance(error, OSError) and error.strerror and error.filename:
+        return f"{error.filename}: {error.strerror}"
+    return _joined(str(error) or type(error).__name__)
+
+
+def _joined(text: str) -> str:
+    lines = [line.strip().removeprefix("- ") for line in text.splitlines() if line.strip()]
+    joined = lines[:1]
+    for line in lines[1:]:
+        joined.append((" " if joined[-1].endswith((":", ",", ";")) else "; ") + line)
+    return "".join(joined)
+
+
+class OneLineErrors(TyperGroup):
+    """The commands, with every error of theirs on one line: kbstore's, the file system's, and those of usage."""
+
+    def main(self, *args: Any, **options: Any) -> NoReturn:
+        """Run the command line and exit."""
+        options["standalone_mode"] = False
+        with _failing():
+            code = super().main(*args, **options)
+            sys.stdout.flush()
+        sys.exit(code if isinstance(code, int) else 0)
+
+
+@contextmanager
+def _failing() -> Iterator[None]:
+    try:
+        yield
+    except typer.Abort:
+        sys.exit(INTERRUPTED)
+    except BrokenPipeError:
+        # whoever read our output has had enough, as `head` does; keep the interpreter from flushing into it at exit
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(0)
+    except typer.TyperException as error:
+        _fail(error.format_message())
+    except (KbStoreError, OSError) as error:
+        _fail(one_line(error))
+
+
+def _fail(message: str) -> NoReturn:
+    sys.stderr.write(f"kbstore: {' '.join(message.split())}\n")
+    sys.exit(FAILED)

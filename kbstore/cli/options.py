@@ -1,0 +1,131 @@
+"""The options that all commands share, and the knowledge base that they mean."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Annotated
+
+import typer
+
+import kbstore
+from kbstore.cli.times import parse_time
+from kbstore.clock import Clock, ManualClock, SystemClock
+from kbstore.errors import KbStoreError, StoreUnavailable
+from kbstore.knowledge_base import KnowledgeBase
+
+STORE = "Store"
+"""The panel of the help that has the options of `Url`, `Kb`, `Now`."""
+
+TIMES = "TIME is ISO 8601 with an offset, now, -5m, +1h30m, or nanoseconds."
+
+
+def known_names(ctx: typer.Context) -> list[str]:
+    """The knowledge bases of the store, for completion in the shell."""
+    try:
+        return kbstore.knowledge_bases(ctx.find_root().params.get("url") or ctx.params.get("url") or "")
+    except (KbStoreError, OSError):
+        return []
+
+
+Url = Annotated[
+    str | None,
+    typer.Option(
+        "--url",
+        metavar="URL",
+        help="The store: an SQLite file, or a SQLAlchemy URL. [KBSTORE_URL]",
+        rich_help_panel=STORE,
+        show_default=False,
+    ),
+]
+Kb = Annotated[
+    str | None,
+    typer.Option(
+        "--kb",
+        metavar="NAME",
+        help="The knowledge base; not needed where the store has only one. [KBSTORE_KB]",
+        rich_help_panel=STORE,
+        show_default=False,
+        autocompletion=known_names,
+    ),
+]
+Now = Annotated[
+    str | None,
+    typer.Option(
+        "--now",
+        metavar="TIME",
+        help="What to take as now, for simulated clocks: a time, or last for the latest that is recorded.",
+        rich_help_panel=STORE,
+        show_default=False,
+    ),
+]
+Json = Annotated[bool, typer.Option("--json", help="Answer in JSON.", rich_help_panel=STORE, show_default=False)]
+
+At = Annotated[str | None, typer.Option("--at", metavar="TIME", help=f"At which time; now without it. {TIMES}")]
+AsOf = Annotated[
+    str | None, typer.Option("--as-of", metavar="TIME", help="As it was believed at that time, about any other.")
+]
+Since = Annotated[
+    str | None,
+    typer.Option("--since", metavar="TIME", help=f"From which time on; without it, all. {TIMES}"),
+]
+Until = Annotated[str | None, typer.Option("--until", metavar="TIME", help="Until which time.")]
+Starting = Annotated[
+    str | None, typer.Option("--at", metavar="TIME", help=f"The time from which it counts; now without it. {TIMES}")
+]
+Client = Annotated[str, typer.Option("--client", metavar="NAME", help="Who says so; kept with the transaction.")]
+Note = Annotated[str, typer.Option("--note", metavar="TEXT", help="Why; kept with the transaction.")]
+
+
+def store(url: str | None) -> str:
+    """The store that is meant; refused if none is named."""
+    if not url:
+        raise StoreUnavailable("which store? name it with --url FILE (or a SQLAlchemy URL), or set KBSTORE_URL")
+    return url
+
+
+@contextmanager
+def asked(url: str | None, kb: str | None, now: str | None) -> Iterator[KnowledgeBase]:
+    """The knowledge base, opened read-only; refused if the store does not have it."""
+    place = store(url)
+    name = _named(kb, kbstore.knowledge_bases(place), place)
+    with kbstore.open(place, name, clock=_clock(place, name, now), read_only=True) as found:
+        yield found
+
+
+@contextmanager
+def told(url: str | None, kb: str | None, now: str | None) -> Iterator[KnowledgeBase]:
+    """The knowledge base, opened for writing; made if the store does not have it."""
+    place = store(url)
+    try:
+        names = kbstore.knowledge_bases(place)
+    except KbStoreError:
+        # there is nothing yet, or opening it for writing tells what is wrong
+        names = []
+    name = kb or (_named(None, names, place) if names else "default")
+    with kbstore.open(place, name, clock=_clock(place, name, now)) as found:
+        yield found
+
+
+def at_time(text: str | None, kb: KnowledgeBase) -> int | None:
+    """The time that an option names; None where it was not given."""
+    return None if text is None else parse_time(text, kb.now())
+
+
+def _named(name: str | None, names: list[str], place: str) -> str:
+    if name is None and len(names) == 1:
+        return names[0]
+    if name in names:
+        return name
+    there = f"it has {', '.join(names)}" if names else "it has none yet"
+    if name is None:
+        raise StoreUnavailable(f"which knowledge base of {place}? {there}; name one with --kb, or set KBSTORE_KB")
+    raise StoreUnavailable(f"there is no knowledge base {name!r} in {place}: {there}")
+
+
+def _clock(place: str, name: str, now: str | None) -> Clock:
+    if now is None:
+        return SystemClock()
+    if now != "last":
+        return ManualClock(parse_time(now, SystemClock().now()))
+    # in questions now is never before what was recorded last
+    with kbstore.open(place, name, clock=ManualClock(), read_only=True) as kb:
+        return ManualClock(kb.now())
