@@ -101,6 +101,17 @@ def test_v8_a_wildcard_beside_a_missing_object_matches_no_object_where_there_is_
     assert when.truths(wild, course) == [(0, 10, F), (10, 30, U), (30, 100, F)]
 
 
+def test_v8_a_rule_may_name_a_missing_object() -> None:
+    """V8, V9: of it a derived predicate is absent, in an open world unknown, also in a rule that is recursive."""
+    step = exists("y:node", And((EDGE_XY, Atom("p", ("?y",)), Atom("low", ("ghost",)))))
+    about = domain(rule("p x:node", Or((Atom("marked", ("?x",)), step))), rule("low x:node", Atom("marked", ("?x",))))
+    told = {f"edge_{a}_{b}": a + b in ("ab", "bc", "cd", "de") for a, b in product("abcde", repeat=2)}
+    told |= {f"marked_{n}": n == "e" for n in "abcde"}
+    for unknowns, expected in ((False, [F, F, F, F, T]), (True, [U, U, U, U, T])):
+        world = graph(about, unknowns=unknowns, **told)
+        assert [truth(Atom("p", (n,)), world) for n in "abcde"] == expected
+
+
 def test_v7_a_wildcard_matches_what_exists_only() -> None:
     """V7: objects that exist and are of the parameter's type, in questions, in rules and over time."""
     about = domain(rule("leads x:node", Atom("edge", ("?x", "?"))))
@@ -144,6 +155,9 @@ def test_v9_rules_with_quantifiers_of_one_name() -> None:
     world = graph(about, "ab", "bc")
     assert [n for n in "abcde" if truth(Atom("inner", (n,)), world) is T] == ["b"]
     assert [n for n in "abcde" if truth(Atom("loose", (n,)), world) is T] == ["a", "b"]
+    apart = And((exists("z:node", Atom("marked", ("?z",))), Atom("edge", ("?x", "?z"))))
+    world = graph(domain(rule("apart x:node", apart)), "ab", marked_c=True)
+    assert [n for n in "abcde" if truth(Atom("apart", (n,)), world) is T] == ["a"]
 
 
 def test_v9_a_head_may_name_a_variable_twice() -> None:
