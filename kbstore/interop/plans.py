@@ -1,6 +1,6 @@
-"""Plans of unified_planning as steps in time, and their execution on a knowledge base."""
+"""Plans as steps in time, and their execution on a knowledge base."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from fractions import Fraction
@@ -10,6 +10,8 @@ from kbstore.clock import SECOND
 from kbstore.errors import InvalidKnowledge
 from kbstore.interop.up_symbols import library
 from kbstore.messages.base import format_number
+from kbstore.names import key
+from kbstore.record import Run
 
 
 class Happening(Enum):
@@ -38,9 +40,14 @@ class Step:
         when = "" if self.at is None else f"{format_number(self.at / SECOND)}: "
         return f"{when}{self.happening.value} ({' '.join((self.operator, *self.arguments))})"
 
+    @property
+    def action(self) -> tuple[str, ...]:
+        """The keys of the operator and its arguments: what two steps of one run have in common."""
+        return (key(self.operator), *map(key, self.arguments))
+
 
 def steps(plan: Any) -> list[Step]:
-    """The steps of a sequential or time-triggered plan, in the order in which they happen.
+    """The steps of a sequential or time-triggered plan of unified_planning, in the order in which they happen.
 
     A durative action is two steps, its start and its end. At one time ends come before what begins, as that may
     need what they bring about. Times are rounded to the nearest nanosecond.
@@ -55,19 +62,38 @@ def steps(plan: Any) -> list[Step]:
             f"a plan is a SequentialPlan or a TimeTriggeredPlan of unified_planning, not {type(plan).__name__};"
             " plan.convert_to(...) makes one of some others"
         )
-    timed: list[tuple[int, int, Step]] = []  # time, order at that time, step
+    timed: list[Step] = []
     for start, instance, duration in plan.timed_actions:
-        at, (operator, arguments) = _nanoseconds(start), _named(instance)
-        if duration is None:
-            timed.append((at, 1, Step(Happening.APPLY, operator, arguments, at)))
-            continue
-        lasts = _nanoseconds(duration)
-        timed.append((at, 1, Step(Happening.START, operator, arguments, at, lasts)))
-        timed.append((at + lasts, 0 if lasts else 2, Step(Happening.END, operator, arguments, at + lasts, lasts)))
-    return [step for *_, step in sorted(timed, key=lambda entry: entry[:2])]
+        lasts = None if duration is None else nanoseconds(duration)
+        timed += timed_steps(*_named(instance), nanoseconds(start), lasts)
+    return in_order(timed)
 
 
-def execute(knowledge_base: Any, plan: Any, wait: Callable[[int], object]) -> Iterator[tuple[Step, Any]]:
+def timed_steps(operator: str, arguments: tuple[str, ...], at: int, duration: int | None) -> list[Step]:
+    """The steps of one action at a time: one without a duration is applied, another one starts and ends."""
+    if duration is None:
+        return [Step(Happening.APPLY, operator, arguments, at)]
+    return [
+        Step(Happening.START, operator, arguments, at, duration),
+        Step(Happening.END, operator, arguments, at + duration, duration),
+    ]
+
+
+def in_order(timed: Iterable[Step]) -> list[Step]:
+    """Steps that have times, in the order in which they happen; of one time, ends first, and otherwise as they came."""
+
+    def place(step: Step) -> tuple[int, int]:
+        assert step.at is not None
+        if step.happening is not Happening.END:
+            return step.at, 1
+        return step.at, 0 if step.duration else 2  # what takes no time ends after its own start
+
+    return sorted(timed, key=place)
+
+
+def execute(
+    knowledge_base: Any, plan: Sequence[Step] | Any, wait: Callable[[int], object]
+) -> Iterator[tuple[Step, Any]]:
     """Carry out a plan, one step for each turn of the loop, beginning now.
 
     Before each step that has a time, `wait` is called with that time on the knowledge base's clock, and is to return
@@ -77,22 +103,42 @@ def execute(knowledge_base: Any, plan: Any, wait: Callable[[int], object]) -> It
         for step, outcome in execute(kb, plan, clock.set):
             print(step)
 
+    What runs when a plan with times begins is part of the problem that it solves (rule O4): it is ended at its
+    expected end, also after the last step, unless it has been ended or aborted by then. What is late by then is left
+    alone.
+
     `NotApplicable` from a step ends the loop. What was started then still runs, and is found in ``kb.state().running``.
+
+    Args:
+        knowledge_base: the `KnowledgeBase` to tell.
+        plan: a plan of unified_planning, or steps.
+        wait: waits until a time, in nanoseconds.
     """
+    todo = list(plan) if isinstance(plan, Sequence) else steps(plan)
     begin = knowledge_base.now()
-    running: dict[tuple[str, tuple[str, ...]], Any] = {}
-    for step in steps(plan):
+    before: list[Run] = []
+    if all(step.at is not None for step in todo):
+        before = [run for run in knowledge_base.state().running if run.expected_end > begin]
+        ends = [_end_of(run, begin) for run in before]
+        todo = in_order([*ends, *todo])
+    running: dict[tuple[str, ...], Run] = {_end_of(run, begin).action: run for run in before}
+    for step in todo:
         if step.at is not None:
             wait(begin + step.at)
-        action = (step.operator, step.arguments)
         match step.happening:
             case Happening.APPLY:
                 yield step, knowledge_base.apply(step.operator, *step.arguments)
             case Happening.START:
-                running[action] = knowledge_base.start(step.operator, *step.arguments, duration=step.duration)
-                yield step, running[action]
+                running[step.action] = knowledge_base.start(step.operator, *step.arguments, duration=step.duration)
+                yield step, running[step.action]
             case Happening.END:
-                yield step, knowledge_base.end(running.pop(action))
+                run = running.pop(step.action)
+                if run not in before or run in knowledge_base.state().running:
+                    yield step, knowledge_base.end(run)
+
+
+def _end_of(run: Run, begin: int) -> Step:
+    return Step(Happening.END, run.operator, run.arguments, run.expected_end - begin, run.duration)
 
 
 def _named(instance: Any) -> tuple[str, tuple[str, ...]]:
@@ -103,5 +149,6 @@ def _named(instance: Any) -> tuple[str, tuple[str, ...]]:
     return instance.action.name, tuple(argument.object().name for argument in instance.actual_parameters)
 
 
-def _nanoseconds(seconds: Fraction) -> int:
+def nanoseconds(seconds: Fraction) -> int:
+    """Nanoseconds from exact seconds, to the nearest one."""
     return round(Fraction(seconds) * SECOND)

@@ -1,6 +1,7 @@
 """Plans of unified_planning as steps in time, and their execution."""
 
 from fractions import Fraction
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -91,6 +92,9 @@ class Recorder:
 
     def now(self) -> int:
         return self.clock.now()
+
+    def state(self) -> Any:
+        return SimpleNamespace(running=[])
 
     def apply(self, operator: str, *arguments: str) -> str:
         if operator == self.refuses:
