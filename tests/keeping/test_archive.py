@@ -18,6 +18,7 @@ from kbstore import (
     seconds,
 )
 from tests.conftest import DOMAIN, OBJECTS
+from tests.keeping import lives
 
 
 def at(n):
@@ -204,6 +205,27 @@ def test_the_time_itself_is_kept(kb, archive_path):
     ]
 
 
+def test_what_ran_at_the_time_itself_is_kept(open_kb, clock, archive_path):
+    """Q2, O3, Q7: what was believed at that very time, before an action ended, is still known."""
+    kb = open_kb()
+    kb.load(lives.DOMAIN)
+    kb.add("a - place", "r - robot", "(= (cost) 0)", "(= (battery r) 50)")
+    clock.set(at(10))
+    kb.end(kb.start("work", "r", "a", duration=seconds(5)))
+    clock.set(at(11))
+    second = kb.start("work", "r", "a", duration=seconds(30))
+    clock.set(at(20))
+    said = kb.add("(lit)")
+    kb.end(second)
+    kb.archive(at(20), archive_path)
+    assert kb.state(as_of=said).running == [second]
+    assert kb.state(at=at(20)).running == []
+    with kbstore.open(archive_path, kb.name) as archive:
+        assert archive.state().running == [second]
+        assert archive.value("(cost)", at=at(16)) == 10
+        assert len(archive.history("(busy r)")) == 2
+
+
 def test_writing_goes_on(archived, clock):
     """Adding, scheduling, removing and expiry work on what began before as on anything else."""
     clock.set(at(55))
@@ -235,6 +257,16 @@ def test_the_archive_is_the_store_just_before(archive):
     assert [(str(item), a, b) for item, a, b in archive.diff(at(9), at(31)).numbers] == [
         ("(= (battery kenny) 70)", None, 70.0)
     ]
+
+
+def test_the_archive_knows_what_was_cancelled(kb, archive_path):
+    """C5, Q7: what was cancelled before is cancelled in the archive, although its time lies after the end of it."""
+    kb.archive(at(42), archive_path)
+    with kbstore.open(archive_path, kb.name) as archive:
+        (near,) = archive.history("(near ? ?)")
+        assert (near.initial_time, near.cancelled.number) == (at(45), 6)
+        assert texts(archive.state().timed_knowledge) == ["(not (open galley))"]
+        assert texts(archive.state(at=at(39)).timed_knowledge) == ["(near kenny wp0)", "(not (open galley))"]
 
 
 AFTER_THE_END = {

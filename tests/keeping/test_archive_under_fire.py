@@ -1,6 +1,7 @@
 """Archiving while others work, and killed at any moment; and the space that it gives back."""
 
 import io
+import json
 import os
 import shutil
 import signal
@@ -146,6 +147,31 @@ def test_others_go_on_meanwhile(fresh, life, small_steps):
         }
 
 
+def test_interrupted_and_not_done_again(fresh, life, small_steps, tmp_path):
+    """Q7: what an interrupted archiving has left is not archived twice, nor exported; the next one deletes it."""
+    _, clock, _, _, everything = life
+    url, name, path = fresh()
+    later = BEFORE + seconds(9)
+    with kbstore.open(url, name, clock=clock) as kb:
+
+        def interrupt(*_):
+            if kb.history_from:
+                raise KeyboardInterrupt
+
+        with pytest.raises(KeyboardInterrupt):
+            kb.archive(BEFORE, path, progress=interrupt)
+        assert ended_rows(url, name) > 3
+        output = io.BytesIO()
+        kbstore.export_knowledge_base(url, name, output)
+        ends = [row.get("end_time", BEFORE) for row in map(json.loads, output.getvalue().splitlines())]
+        assert min(ends) >= BEFORE
+        kb.archive(later, path)
+        assert ended_rows(url, name) == 0
+    with kbstore.open(path, name) as archive:
+        for t in [t for t in everything if isinstance(t, int) and t < later]:
+            assert picture(archive.state(at=t)) == everything[t]
+
+
 def test_progress_is_told(fresh, small_steps):
     """Progress rises to its end: rows copied, then rows deleted."""
     url, name, path = fresh()
@@ -163,7 +189,7 @@ def test_the_space_is_given_back(tmp_path, stores):
     shutil.copy(stores / "archive.db", tmp_path / "archive.db")
     with kbstore.open(path, "long", clock=clock) as kb:
         empty = pages(path)
-        for _ in range(60):
+        for _ in range(90):
             clock.advance(1)
             kb.update([(0, f"(= (level a{number}) {clock.now()})") for number in range(60)])
         full = pages(path)
