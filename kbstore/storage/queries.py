@@ -7,6 +7,7 @@ read by the same statements with each table's own columns; `for_kind` has them b
 from kbstore.clock import OPEN
 from kbstore.messages import KnowledgeType
 from kbstore.storage.engine import Insertion, Lookup, Statement
+from kbstore.timelines import EndCause
 
 # -- knowledge bases and transactions -------------------------------------------------------------------------
 
@@ -106,6 +107,43 @@ add_mention = Statement(
 )
 
 
+def _in_tree(table: str, columns: str, also: str = "") -> str:
+    """What stands at :t: intervals kept left of it, right of it, and those that are open."""
+    source = f"SELECT {columns} FROM {table} WHERE kb_id = :kb"
+    return (
+        f"{source} AND AMONG(node, right) AND initial_time <= :t{also}"
+        f" UNION ALL {source} AND AMONG(node, left) AND end_time > :t{also}"
+        f" UNION ALL {source} AND end_time = {OPEN} AND initial_time <= :t{also}"
+    )
+
+
+def _ended(table: str, columns: str, after: str, upto: str) -> str:
+    """What the transactions after a number and up to another ended, but for what they replaced."""
+    return (
+        f"SELECT {columns} FROM {table} WHERE kb_id = :kb AND end_cause <> {int(EndCause.REPLACED)}"
+        f" AND ended_tx > {after} AND ended_tx <= {upto}"
+    )
+
+
+def _replaced(table: str, columns: str, after: str, upto: str, also: str = "") -> str:
+    """What they replaced: on its timeline the last before the new row, or one of no length beside it."""
+    previous = (
+        f"SELECT q.id FROM {table} q WHERE q.kb_id = n.kb_id AND q.timeline_id = n.timeline_id"
+        " AND q.initial_time < n.initial_time AND q.end_time > q.initial_time"
+        " ORDER BY q.initial_time DESC LIMIT 1"
+    )
+    beside = (
+        f"SELECT q.id FROM {table} q WHERE q.kb_id = n.kb_id AND q.timeline_id = n.timeline_id"
+        " AND q.initial_time = n.initial_time AND q.end_time <= q.initial_time AND q.ended_tx = n.recorded_tx"
+    )
+    source = (
+        f"SELECT {', '.join('p.' + column for column in columns.split(', '))} FROM {table} n"
+        f" CROSS JOIN {table} p WHERE n.kb_id = :kb AND n.recorded_tx > {after} AND n.recorded_tx <= {upto}"
+        f" AND p.end_cause = {int(EndCause.REPLACED)} AND p.ended_tx = n.recorded_tx{also}"
+    )
+    return f"{source} AND p.id = ({previous}) UNION ALL {source} AND p.id IN ({beside})"
+
+
 class AssertionQueries:
     """The statements for one of the five tables of assertions."""
 
@@ -117,22 +155,14 @@ class AssertionQueries:
         recorded = f"timeline_id, initial_time, end_time, recorded_tx, ended_tx, cancelled_tx, end_cause, {value}"
         kb = "kb_id = :kb"
 
-        def in_tree(columns: str, also: str = "") -> str:
-            """What stands at :t: intervals kept left of it, right of it, and those that are open."""
-            source = f"SELECT {columns} FROM {table} WHERE {kb}"
-            return (
-                f"{source} AND AMONG(node, right) AND initial_time <= :t{also}"
-                f" UNION ALL {source} AND AMONG(node, left) AND end_time > :t{also}"
-                f" UNION ALL {source} AND end_time = {OPEN} AND initial_time <= :t{also}"
-            )
-
-        self.standing = Statement(in_tree(standing))
+        self.standing = Statement(_in_tree(table, standing))
         """What stands at :t."""
 
         self.standing_as_of = Statement(
-            in_tree(standing, " AND recorded_tx <= :number")
-            + f" UNION ALL SELECT {standing} FROM {table} WHERE {kb} AND ended_tx > :number AND ended_tx <= :latest"
+            _in_tree(table, standing, " AND recorded_tx <= :number")
+            + f" UNION ALL {_ended(table, standing, ':number', ':latest')}"
             " AND end_time = :t AND initial_time <= :t AND recorded_tx <= :number"
+            f" UNION ALL {_replaced(table, standing, ':number', ':latest', ' AND p.recorded_tx <= :number')}"
         )
         """What stood at :t after the transaction :number, when :latest is the last transaction of that time."""
 
@@ -205,7 +235,7 @@ class AssertionQueries:
             f"SELECT {recorded} FROM {table} WHERE {kb} AND recorded_tx > :after AND recorded_tx <= :upto ORDER BY id"
         )
         self.ended = Statement(
-            f"SELECT {recorded} FROM {table} WHERE {kb} AND ended_tx > :after AND ended_tx <= :upto ORDER BY id"
+            f"{_ended(table, recorded, ':after', ':upto')} UNION ALL {_replaced(table, recorded, ':after', ':upto')}"
         )
         self.cancelled = Statement(
             f"SELECT {recorded} FROM {table} WHERE {kb} AND cancelled_tx > :after AND cancelled_tx <= :upto ORDER BY id"

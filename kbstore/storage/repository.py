@@ -13,7 +13,7 @@ from kbstore.timelines import Identity, Role, Timeline, Value, stored_key
 Standing = tuple[Timeline, int, Value]
 """An assertion that stands, or is pending: its timeline, since when (or from when), and what."""
 
-_CACHED_TIMELINES = 500_000
+_CACHED_TIMELINES = 200_000
 
 
 class Head(NamedTuple):

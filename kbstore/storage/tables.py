@@ -157,7 +157,8 @@ def _assertions(name: str, *own: Column[object]) -> Table:
         ("right", (columns.node, columns.end_time), "node IS NOT NULL"),
         ("open", (columns.initial_time,), f"end_time = {OPEN}"),
         ("recorded", (columns.recorded_tx,), None),
-        ("ended", (columns.ended_tx,), "ended_tx IS NOT NULL"),
+        # what was replaced is found from what replaced it
+        ("ended", (columns.ended_tx,), "end_cause <> 2"),
         ("cancelled", (columns.cancelled_tx,), "cancelled_tx IS NOT NULL"),
         ("pending", (columns.pending_node,), "pending_node IS NOT NULL"),
         ("scheduled", (columns.initial_time,), "recorded_time IS NOT NULL"),

@@ -174,7 +174,7 @@ def create_assertions(table: str, *own: sa.Column[object]) -> None:
         ("right", ["node", "end_time"], "node IS NOT NULL"),
         ("open", ["initial_time"], f"end_time = {OPEN}"),
         ("recorded", ["recorded_tx"], None),
-        ("ended", ["ended_tx"], "ended_tx IS NOT NULL"),
+        ("ended", ["ended_tx"], "end_cause <> 2"),
         ("cancelled", ["cancelled_tx"], "cancelled_tx IS NOT NULL"),
         ("pending", ["pending_node"], "pending_node IS NOT NULL"),
         ("scheduled", ["initial_time"], "recorded_time IS NOT NULL"),
