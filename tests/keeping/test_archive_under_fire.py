@@ -151,7 +151,7 @@ def test_interrupted_and_not_done_again(fresh, life, small_steps, tmp_path):
     """Q7: what an interrupted archiving has left is not archived twice, nor exported; the next one deletes it."""
     _, clock, _, _, everything = life
     url, name, path = fresh()
-    later = BEFORE + seconds(9)
+    later = BEFORE + seconds(3)
     with kbstore.open(url, name, clock=clock) as kb:
 
         def interrupt(*_):
