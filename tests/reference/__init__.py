@@ -20,7 +20,8 @@ from tests.reference.items import (
     Timeline,
 )
 from tests.reference.memory import Answer, Change, Difference, Reference
-from tests.reference.overlay import Refused, Unsettled, Update
+from tests.reference.overlay import Refused, Update
+from tests.reference.world import Unsettled
 
 __all__ = [
     "Answer",

@@ -3,9 +3,10 @@
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
+from tests.reference.draft import FOREVER
 from tests.reference.items import WILDCARD, Fact, Item, Number, Object, matches, timeline
-from tests.reference.overlay import FOREVER, Overlay, Refused, Unsettled, Update
-from tests.reference.world import Told, World
+from tests.reference.overlay import Overlay, Refused, Update
+from tests.reference.world import Told, Unsettled, World
 
 TOLERANCE = 1_000_000_000
 

@@ -1,12 +1,10 @@
 """One transaction: its updates in their order, on top of what is believed."""
 
-import itertools
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
+from tests.reference.draft import FOREVER, Draft, Spans
 from tests.reference.items import (
-    WILDCARD,
     Comparison,
     Condition,
     Fact,
@@ -15,16 +13,12 @@ from tests.reference.items import (
     Number,
     Object,
     RefDomain,
-    Signature,
     Start,
     Timeline,
     matches,
     timeline,
 )
-from tests.reference.world import Running, Told, World
-
-FOREVER = 2**63 - 1
-Spans = list[tuple[int, int]]
+from tests.reference.world import Running, Told, Unsettled, World
 
 
 class Refused(Exception):
@@ -39,10 +33,6 @@ class Refused(Exception):
         self.first = first or error
 
 
-class Unsettled(Exception):
-    """The rules do not say what this transaction does, so that nothing can be expected of it."""
-
-
 @dataclass(frozen=True)
 class Update:
     """One update.
@@ -55,18 +45,11 @@ class Update:
     at: int = 0
 
 
-class Overlay:
+class Overlay(Draft):
     """What would be believed with the updates made so far; `finish` makes it so."""
 
     def __init__(self, world: World, now: int) -> None:
-        world.advance(now)
-        self.world = world
-        self.now = now
-        self.domain = world.domain
-        self.standing: dict[Timeline, tuple[Item, int]] = {
-            line: (told.item, told.start) for line, told in world.standing.items()
-        }
-        self.pending: dict[tuple[Timeline, int], Item] = {key: told.item for key, told in world.pending.items()}
+        super().__init__(world, now)
         self.running: list[Running] = world.running
         self.causes: dict[Timeline, str] = {}
         self.violations: list[str] = []
@@ -112,7 +95,7 @@ class Overlay:
         if isinstance(item, Object) and not item.positive and at == self.now:
             self._remove(role, replace(item, positive=True), at)
             return
-        found = list(self._violations(item, at))
+        found = list(self.violations_of(item, at))
         if found:
             self.violations += found
             return
@@ -155,7 +138,7 @@ class Overlay:
 
     def _put(self, line: Timeline, item: Item | None, at: int, cause: str = "removed") -> None:
         """Let a timeline say something, or nothing, from now or from a scheduled time on."""
-        before = self._lifetimes(line[2]) if line[1] == "object" else []
+        before = self.lifetimes(line[2]) if line[1] == "object" else []
         if at > self.now:
             if item is None:
                 self.pending.pop((line, at), None)
@@ -167,11 +150,11 @@ class Overlay:
         elif not (line in self.standing and self.world.same(*self.standing[line], item, at, at)):
             self.standing[line] = (item, at)
         if line[1] == "object":
-            self._lose(str(line[2]), _minus(before, self._lifetimes(line[2])))
+            self._lose(str(line[2]), _minus(before, self.lifetimes(line[2])))
 
     def _lose(self, name: str, lost: Spans) -> None:
         """An object does not exist in these spans any more: nothing speaks of it there (rule C9)."""
-        starts = sorted(start for start, _ in self._lifetimes(name))
+        starts = sorted(start for start, _ in self.lifetimes(name))
         for first, last in lost:
             next_start = min((start for start in starts if start > first), default=FOREVER)
             if first == self.now:
@@ -186,7 +169,7 @@ class Overlay:
                     raise Unsettled("without a domain, knowledge is scheduled where its object does not exist")
 
     def _remove(self, role: str, pattern: Item, at: int) -> None:
-        found = list(self._pattern_violations(pattern))
+        found = list(self.pattern_violations_of(pattern))
         if found:
             self.violations += found
             return
@@ -203,14 +186,14 @@ class Overlay:
     def _cancel(self, line: Timeline, at: int) -> None:
         kept = self.pending[line, at]
         self._put(line, None, at)
-        if line[1] == "object" and self._types_meet(str(line[2])):
+        if line[1] == "object" and self.types_meet(str(line[2])):
             self.violations.append(f"cancelling {kept} lets two types meet")
 
     # -- running actions (rules O1 to O3) ---------------------------------------------------------------------
 
     def _start(self, start: Start) -> None:
         for argument, wanted in zip(start.arguments, start.action.types, strict=True):
-            found = self._type_at(argument, self.now)
+            found = self.type_at(argument, self.now)
             assert self.domain
             if found is None or not self.domain.is_a(found, wanted):
                 self.violations.append(f"{argument} is {found}, not {wanted}")
@@ -247,7 +230,8 @@ class Overlay:
                 self._add("state", fact, self.now)
             elif not fact.positive:
                 self._remove("state", replace(fact, positive=True), self.now)
-        for item in [*(fact for fact in facts if fact.positive), *numbers]:
+        added: list[Item] = [*(fact for fact in facts if fact.positive), *numbers]
+        for item in added:
             self._add("state", item, self.now)
 
     def _holds(self, wanted: Fact) -> bool:
@@ -256,95 +240,6 @@ class Overlay:
             return not wanted.positive and not self.world.use_unknowns
         return standing[0] == wanted
 
-    # -- what is valid ----------------------------------------------------------------------------------------
-
-    def _violations(self, item: Item, at: int) -> Iterator[str]:
-        match item:
-            case Object():
-                yield from self._object_violations(item, at)
-            case Fact():
-                yield from self._atom_violations("predicate", item.name, item.arguments, at)
-            case Number():
-                yield from self._atom_violations("function", item.name, item.arguments, at)
-            case Metric() | Comparison():
-                for name, arguments in item.reads:
-                    yield from self._atom_violations("function", name, arguments, at)
-            case Condition():
-                for fact in item.facts:
-                    yield from self._atom_violations("predicate", fact.name, fact.arguments, at)
-
-    def _object_violations(self, item: Object, at: int) -> Iterator[str]:
-        if self.domain:
-            if not self.domain.knows_type(item.type):
-                yield f"no type {item.type}"
-                return
-            if item.name in self.domain.constants:
-                yield f"{item.name} is a constant"
-                return
-        if not item.positive:
-            if self._type_at(item.name, at - 1) != item.type:
-                raise Unsettled(f"the end of {item} is scheduled where it does not exist just before")
-            return
-        tried = dict(self.pending), dict(self.standing)
-        line = timeline("state", item)
-        if at > self.now:
-            self.pending[line, at] = item
-        else:
-            self.standing[line] = (item, at)
-        meets = self._types_meet(item.name)
-        self.pending, self.standing = tried
-        if meets:
-            yield f"{item} meets an existence of another type"
-
-    def _atom_violations(self, kind: str, name: str, arguments: tuple[str, ...], at: int) -> Iterator[str]:
-        if WILDCARD in arguments:
-            yield f"{name} {arguments} has a wildcard"
-        if self.domain is None:
-            yield from self._first_use_violations(kind, name, arguments)
-            return
-        signature = self._signature(kind, name)
-        if signature is None:
-            yield f"no {kind} {name}"
-        elif len(signature) != len(arguments):
-            yield f"{name} has {len(signature)} arguments"
-        else:
-            for types, argument in zip(signature, arguments, strict=True):
-                found = self._type_at(argument, at)
-                if found is None or not any(self.domain.is_a(found, wanted) for wanted in types):
-                    yield f"{argument} in {name} is {found}, not {types}"
-
-    def _signature(self, kind: str, name: str) -> Signature | None:
-        assert self.domain
-        return (self.domain.predicates if kind == "predicate" else self.domain.functions).get(name)
-
-    def _first_use_violations(self, kind: str, name: str, arguments: tuple[str, ...]) -> Iterator[str]:
-        """Without a domain a symbol keeps the arity of its first use (rule D2)."""
-        wanted = {"predicate": Fact, "function": Number}[kind]
-        known = {
-            len(told.item.arguments)
-            for told in self.world.told
-            if isinstance(told.item, Fact | Number) and isinstance(told.item, wanted) and told.item.name == name
-        }
-        if known and len(arguments) not in known:
-            yield f"{name} was first used with {known} arguments"
-
-    def _pattern_violations(self, pattern: Item) -> Iterator[str]:
-        if isinstance(pattern, Object):
-            if self.domain and pattern.type and not self.domain.knows_type(pattern.type):
-                yield f"no type {pattern.type}"
-            if self.domain and pattern.name in self.domain.constants:
-                yield f"{pattern.name} is a constant"
-        elif isinstance(pattern, Fact | Number):
-            kind = "predicate" if isinstance(pattern, Fact) else "function"
-            if self.domain is None:
-                yield from self._first_use_violations(kind, pattern.name, pattern.arguments)
-                return
-            signature = self._signature(kind, pattern.name)
-            if signature is None:
-                yield f"no {kind} {pattern.name}"
-            elif len(signature) != len(pattern.arguments):
-                yield f"{pattern.name} has {len(signature)} arguments"
-
     def _load(self, domain: RefDomain) -> None:
         """Everything that stands or is scheduled must be valid under the new domain (rule D4)."""
         self.domain = domain
@@ -352,57 +247,13 @@ class Overlay:
         scheduled = [(line, item, at) for (line, at), item in self.pending.items()]
         for _, item, at in entries + scheduled:
             if not isinstance(item, Object):
-                self.violations += self._violations(item, at)
+                self.violations += self.violations_of(item, at)
             elif item.positive and item.name in domain.constants:
                 if at > self.now:
                     raise Unsettled("a constant has the name of an object that is only scheduled")
                 self.violations.append(f"{item.name} is an object, and a constant of {domain.name}")
             elif not domain.knows_type(item.type):
                 self.violations.append(f"no type {item.type}")
-
-    # -- the existence of objects from now on -----------------------------------------------------------------
-
-    def _course(self, name: object) -> list[tuple[int, Object]]:
-        """What the timeline of an object says from now on, in order of time."""
-        line = ("state", "object", name)
-        course = [(self.now, self.standing[line][0])] if line in self.standing else []
-        course += [(at, item) for (found, at), item in self.pending.items() if found == line]
-        return sorted(((at, item) for at, item in course if isinstance(item, Object)), key=lambda entry: entry[0])
-
-    def _lifetimes(self, name: object) -> Spans:
-        """The spans from now on in which an object exists; adjacent ones are one."""
-        course = self._course(name)
-        spans: Spans = []
-        for index, (start, item) in enumerate(course):
-            end = course[index + 1][0] if index + 1 < len(course) else FOREVER
-            if item.positive and spans and spans[-1][1] == start:
-                spans[-1] = (spans[-1][0], end)
-            elif item.positive:
-                spans.append((start, end))
-        return spans
-
-    def _type_at(self, name: str, t: int) -> str | None:
-        """The type of an object at a time that is not before now (or just before it), None where it does not exist."""
-        if self.domain and name in self.domain.constants:
-            return self.domain.constants[name]
-        stood = [item for at, item in self._course(name) if at <= max(t, self.now)]
-        return stood[-1].type if stood and stood[-1].positive else None
-
-    def _types_meet(self, name: str) -> bool:
-        """Whether existences of different types overlap or touch, counting one that lasted until just now."""
-        line = ("state", "object", name)
-        course = self._course(name)
-        if course and course[0][0] == self.now:
-            until_now = [
-                told.item
-                for told in self.world.told
-                if told.timeline == line and told.start < self.now and told.end in (None, self.now)
-            ]
-            course = [(self.now, item) for item in until_now if isinstance(item, Object)] + course
-        return any(
-            one.positive and other.positive and one.type != other.type
-            for (_, one), (_, other) in itertools.pairwise(course)
-        )
 
     # -- the end of the transaction ---------------------------------------------------------------------------
 

@@ -133,6 +133,9 @@ def test_types_may_not_meet(kb):
     with pytest.raises(Refused, match="InvalidKnowledge"):
         kb.write(32, [add(Object("a", "robot"))])
     kb.write(33, [add(Object("a", "robot"))])
+    with pytest.raises(Refused, match="InvalidKnowledge"):
+        kb.write(40, [add(Object("b", "place")), add(Object("b", "robot"))])
+    kb.write(40, [add(Object("b", "place")), remove(Object("b")), add(Object("b", "robot"))])
 
 
 def test_rates_and_relative_changes(kb):

@@ -5,6 +5,10 @@ from dataclasses import dataclass, field
 from tests.reference.items import SECOND, Item, Number, Object, RefDomain, Start, Term, Timeline
 
 
+class Unsettled(Exception):
+    """The rules do not say what this transaction does, so that nothing can be expected of it."""
+
+
 @dataclass(eq=False)
 class Told:
     """One assertion. `end` and its cause are None while nothing has ended it."""
