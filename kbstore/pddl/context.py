@@ -7,7 +7,7 @@ from kbstore.domain import Domain, Signature
 from kbstore.errors import InvalidKnowledge, KbStoreError, PddlSyntaxError, UnknownSymbol
 from kbstore.logic import Atom, Parameter
 from kbstore.names import is_wildcard, key
-from kbstore.pddl.sexpr import Group, Source, node_text
+from kbstore.pddl.sexpr import Group, Source, bounded, node_text
 
 Variables = Mapping[str, tuple[str, ...]]
 """The variables that are bound where a formula stands (keys, without ``?``), each with its types."""
@@ -48,7 +48,7 @@ class Context:
         """Report what does not fit at an offset."""
         self.complaints += 1
         if self.report is None:
-            raise kind(problem)
+            raise kind(bounded(problem))
         self.report(kind, problem, offset)
 
     # -- words ------------------------------------------------------------------------------------------------
@@ -83,7 +83,9 @@ class Context:
         found = self.domain.predicate_signatures.get(key(name))
         if found is None:
             if key(name) in self.domain.function_signatures:
-                problem = f"{name} is a numeric function, not a predicate; compare its value, as in (> ({name}) 0)"
+                problem = (
+                    f"{name:.80} is a numeric function, not a predicate; compare its value, as in (> ({name:.80}) 0)"
+                )
             else:
                 problem = _unknown("predicate", name, self.domain, self.domain.predicate_signatures.values())
             self.complain(UnknownSymbol, problem, group, 0)
@@ -96,7 +98,7 @@ class Context:
         found = self.domain.function_signatures.get(key(name))
         if found is None:
             if key(name) in self.domain.predicate_signatures:
-                problem = f"{name} is a predicate, not a numeric function, and has no value"
+                problem = f"{name:.80} is a predicate, not a numeric function, and has no value"
             else:
                 problem = _unknown("numeric function", name, self.domain, self.domain.function_signatures.values())
             self.complain(UnknownSymbol, problem, group, index)
@@ -131,7 +133,7 @@ class Context:
             return name
         if not self.domain.knows_type(name):
             known = ", ".join(list(self.domain.types)[:_LISTED]) or "none but object"
-            problem = f"the type {name} is not declared; the domain {self.domain.name} has {known}"
+            problem = f"the type {name:.80} is not declared; the domain {self.domain.name} has {known}"
             self.complain(UnknownSymbol, problem, group, index)
             return name
         return self.domain.type_spelling(name)
@@ -171,7 +173,7 @@ class Context:
             problem = self.misfit(argument, variables, parameter, asserted=asserted)
             if problem:
                 declared = f"; it is declared {signature}" if signature else ""
-                self.complain(InvalidKnowledge, f"{atom}: {problem}{declared}", group, index)
+                self.complain(InvalidKnowledge, f"{node_text(group, 80)}: {problem}{declared}", group, index)
         return atom
 
     def misfit(
@@ -188,12 +190,12 @@ class Context:
             types = (self.objects[key(argument)],)
             asserted = True
         else:
-            return f"{argument} is not a declared object or constant"
+            return f"{argument:.80} is not a declared object or constant"
         if parameter is None or self.domain is None or self.patterns:
             return None
         if self._fit(types, parameter.types, asserted):
             return None
-        return f"{argument} is of type {Parameter('', types).type_text}, but {parameter.type_text} is expected"
+        return f"{argument:.80} is of type {Parameter('', types).type_text}, but {parameter.type_text} is expected"
 
     def _fit(self, types: tuple[str, ...], wanted: tuple[str, ...], asserted: bool) -> bool:
         question = (types, wanted, asserted)
@@ -223,16 +225,16 @@ def arity_problem(atom: Atom, signature: Signature) -> str:
     """The sentence for a wrong number of arguments."""
     given = len(atom.arguments)
     counted = f"{given} argument" if given == 1 else f"{given} arguments"
-    return f"{atom} has {counted}, but {signature} takes {len(signature.parameters)}"
+    return f"{atom!s:.80} has {counted}, but {signature} takes {len(signature.parameters)}"
 
 
 def _unbound(variable: str, variables: Variables) -> str:
     if not variables:
-        return f"{variable} is a variable, but an object is expected here"
-    return f"the variable {variable} is not declared here; there are {', '.join(f'?{name}' for name in variables)}"
+        return f"{variable:.80} is a variable, but an object is expected here"
+    return f"the variable {variable:.80} is not declared here; there are {', '.join(f'?{name}' for name in variables)}"
 
 
 def _unknown(what: str, name: str, domain: Domain, known: Iterable[Signature]) -> str:
     names = [signature.name for signature in known]
     listed = ", ".join(names[:_LISTED]) + (f" and {len(names) - _LISTED} more" if len(names) > _LISTED else "")
-    return f"the domain {domain.name} has no {what} {name}; it has {listed or 'none'}"
+    return f"the domain {domain.name} has no {what} {name:.80}; it has {listed or 'none'}"

@@ -93,5 +93,7 @@ def unknown_keyword(keyword: str, what: str, known: Collection[str]) -> str:
     """The sentence for a keyword that means nothing where it stands."""
     if keyword in _ELSEWHERE:
         return f"{keyword} {_ELSEWHERE[keyword]}"
-    close = get_close_matches(keyword, known, 1)
-    return f"{keyword} is no {what}" + (f"; did you mean {close[0]}?" if close else f"; there are {', '.join(known)}")
+    close = get_close_matches(keyword[:40], known, 1)
+    return f"{keyword:.40} is no {what}" + (
+        f"; did you mean {close[0]}?" if close else f"; there are {', '.join(known)}"
+    )

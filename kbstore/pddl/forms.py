@@ -14,6 +14,7 @@ from kbstore.pddl.expressions import read_expression
 from kbstore.pddl.item_reader import ItemReader, fact_of
 from kbstore.pddl.sexpr import Group, Source, node_text
 from kbstore.pddl.text import condition_text
+from kbstore.rules import walk
 
 __all__ = [
     "condition_of",
@@ -110,7 +111,10 @@ def condition_of(item: KnowledgeItem | ConditionMessage, domain: Domain | None =
 
 
 def goals_of(condition: Condition, domain: Domain | None = None) -> list[Goal]:
-    """The parts of a goal (rule C10): facts, negative facts, inequalities, and what is none of these as a condition."""
+    """The parts of a goal (rule C10): facts, negative facts, inequalities, and what is none of these as a condition.
+
+    Raises `InvalidKnowledge` for what no planner can be asked for: that an object exists, or a function is defined.
+    """
     items = ItemReader(Context(Source(""), domain))
     goals: list[Goal] = []
     for part in conjuncts(condition):
@@ -121,6 +125,12 @@ def goals_of(condition: Condition, domain: Domain | None = None) -> list[Goal]:
             case Comparison():
                 goals.append(items.inequality(positive, positive is not part))
             case _:
+                for occurrence in walk(part, {}):
+                    if isinstance(occurrence.node, IsA | Defined):
+                        raise InvalidKnowledge(
+                            f"{condition_text(occurrence.node)} can be asked, but is no goal: a goal is about facts "
+                            "and values, not about what exists or is defined"
+                        )
                 goals.append(ConditionMessage(text=condition_text(part)))
     return goals
 

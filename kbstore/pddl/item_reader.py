@@ -177,6 +177,11 @@ class ItemReader:
             return Instance(instance_name=str(group[0]), instance_type=str(group[2]))
         if not _all_words(group) and word in _CONDITIONS:
             raise InvalidKnowledge(f"{node_text(group, 60)} is a condition, which is not one item; {_ADVICE}")
+        if word == "at" and len(group) == 3 and is_number(group[1]) and isinstance(group[2], Group):
+            raise InvalidKnowledge(
+                f"{node_text(group, 60)} belongs into a problem; as an item, say {node_text(group[2], 60)}, and give "
+                "its time as initial_time"
+            )
         name = context.name(group, 0, "predicate")
         atom = Atom(name, context.words(group, 1))
         if context.is_function(name):

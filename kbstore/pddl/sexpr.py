@@ -20,6 +20,7 @@ _LINE_END = re.compile(r"\r\n?|\n")
 _TOKEN = re.compile(r"\(([^()]*+)\)|([()])|[^\s()]+")
 _CHILD = re.compile(r"[()]|[^\s()]+")
 _SHOWN = 100
+_SENTENCE = 1000
 
 
 class Group(list["str | Group"]):
@@ -55,8 +56,10 @@ class Source:
     @classmethod
     def open(cls, source: str | os.PathLike[str]) -> "Source":
         """The text itself if it is PDDL (it contains a bracket), otherwise what the file of that name holds."""
+        if not isinstance(source, str | os.PathLike):
+            raise PddlSyntaxError(f"give the path of a PDDL file, or PDDL text, not {source!r:.80}")
         if isinstance(source, str) and "(" in source and not _is_file(source):
-            return cls(source)
+            return cls(source.removeprefix("\ufeff"))
         name = os.fspath(source)
         try:
             content = Path(name).read_bytes()
@@ -88,6 +91,7 @@ class Source:
     def error(self, problem: str, offset: int) -> PddlSyntaxError:
         """The refusal of what stands at an offset."""
         line, column = self.place(offset)
+        problem = bounded(problem)
         begin = offset - column + 1
         end = self._line_starts[line] if line < len(self._line_starts) else len(self.text)
         return PddlSyntaxError(problem, line, column, self.name, self.text[begin:end].rstrip("\r\n"))
@@ -99,7 +103,7 @@ class Source:
         end = _LINE_END.search(self.text, begin, begin + _SHOWN)
         shown = self.text[begin : end.start() if end else begin + _SHOWN].replace("\t", " ")
         place = f"{self.name}:{line}:{column}" if self.name else f"line {line}, column {column}"
-        return f"{place}: {problem}\n      {shown}\n      {' ' * (offset - begin)}^"
+        return f"{place}: {bounded(problem)}\n      {shown}\n      {' ' * (offset - begin)}^"
 
     def read(self) -> Group:
         """All that the text consists of, as one group without brackets of its own.
@@ -155,6 +159,11 @@ class Source:
                             section.start,
                         )
         return self.error("a ')' is missing: this '(' is never closed", unclosed[-1].start)
+
+
+def bounded(sentence: str) -> str:
+    """A sentence, cut off where a hostile name makes it very long."""
+    return sentence if len(sentence) <= _SENTENCE else sentence[:_SENTENCE] + " ..."
 
 
 def node_text(node: Node, limit: int | None = None) -> str:

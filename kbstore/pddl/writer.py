@@ -128,15 +128,20 @@ def _problem_name(name: str) -> str:
 
 
 def _objects(instances: Iterable[Instance]) -> Iterator[str]:
-    """The objects by type; where no object has a type, their names alone, which untyped domains expect."""
+    """The objects by type; where no object has a type, their names alone, which untyped domains expect.
+
+    A name that begins or ends with '-' stands on a line of its own, where it cannot be taken for a type's mark.
+    """
     by_type: dict[str, list[str]] = {}
     for instance in instances:
         by_type.setdefault(instance.instance_type or ROOT_TYPE, []).append(instance.instance_name)
-    untyped = by_type.keys() <= {ROOT_TYPE}
+    dashed = {name for names in by_type.values() for name in names if name[:1] == "-" or name[-1:] == "-"}
+    untyped = by_type.keys() <= {ROOT_TYPE} and not dashed
     for type_name, names in by_type.items():
-        for start in range(0, len(names), _NAMES_PER_LINE):
-            line = " ".join(names[start : start + _NAMES_PER_LINE])
-            yield f"    {line}" if untyped else f"    {line} - {type_name}"
+        plain = [name for name in names if name not in dashed]
+        lines = [plain[start : start + _NAMES_PER_LINE] for start in range(0, len(plain), _NAMES_PER_LINE)]
+        for line in (*lines, *([name] for name in names if name in dashed)):
+            yield f"    {' '.join(line)}" + ("" if untyped else f" - {type_name}")
 
 
 def _functions(functions: Iterable[Function]) -> Iterator[str]:

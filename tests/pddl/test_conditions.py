@@ -300,6 +300,12 @@ class TestGoals:
         """What is always true is no goal."""
         assert goals_of(parse_condition(text)) == []
 
+    @pytest.mark.parametrize("text", ["kenny - robot", "(not (kenny - robot))", "(or (p) (battery kenny))"])
+    def test_no_fact(self, text):
+        """That an object exists or a function is defined can be asked, but not be a goal."""
+        with pytest.raises(InvalidKnowledge, match="is no goal"):
+            goals_of(parse_condition(text, DOMAIN), DOMAIN)
+
 
 class TestText:
     @pytest.mark.parametrize(
@@ -336,8 +342,20 @@ class TestText:
             while isinstance(condition, Not):  # the interpreter frees it level by level, too
                 condition = condition.part
 
-    def test_refusals_are_short(self):
+    @pytest.mark.parametrize(
+        "text",
+        [
+            f"(p {'x ' * 100_000}(q))",
+            f"(p {'x ' * 100_000})",
+            f"({'x' * 100_000})",
+            f"(> ({'x' * 100_000}) 1)",
+            f"(> ?{'x' * 100_000} 1)",
+            f"(exists (?x - {'x' * 100_000}) (p))",
+            f"(> (battery ?{'x' * 100_000}) 1)",
+        ],
+    )
+    def test_refusals_are_short(self, text):
         """A refusal quotes only the beginning of what is long."""
         with pytest.raises(KbStoreError) as caught:
-            parse_condition(f"(p {'x ' * 100_000}(q))")
-        assert len(str(caught.value)) < 1000
+            parse_condition(text, DOMAIN)
+        assert len(str(caught.value)) < 1500

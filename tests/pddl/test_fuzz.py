@@ -127,7 +127,7 @@ def test_conditions(text, has_domain):
     domain = DOMAIN if has_domain else None
     condition = outcome(parse_condition, text, domain)
     if condition is not None:
-        goals_of(condition, domain)
+        outcome(goals_of, condition, domain)
         written = condition_text(condition)
         assert condition_text(parse_condition(written, domain)) == written
 

@@ -223,6 +223,11 @@ class TestRefusals:
         with pytest.raises(InvalidKnowledge, match="an item is"):
             parse_item(text)
 
+    def test_timed(self):
+        """A timed literal is no item: its time is the item's initial_time, as the refusal says."""
+        with pytest.raises(InvalidKnowledge, match="initial_time"):
+            parse_item("(at 5 (p a))")
+
     @pytest.mark.parametrize("opening", ["(", "(and ", "(p ", "(= "])
     def test_deep(self, opening):
         """Nesting of 100,000 levels ends in a refusal, which quotes only its beginning."""

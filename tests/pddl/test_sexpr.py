@@ -132,11 +132,17 @@ class TestOpening:
         with pytest.raises(PddlSyntaxError, match="cannot read the file"):
             Source.open(name)
 
+    @pytest.mark.parametrize("given", [None, 7, b"(p)", ["(p)"]])
+    def test_neither(self, given):
+        """What is neither text nor a path is refused."""
+        with pytest.raises(PddlSyntaxError, match="give the path"):
+            Source.open(given)
+
     def test_encodings(self, tmp_path):
         """UTF-8 with a byte order mark and Latin-1 are both read."""
         path = tmp_path / "x.pddl"
         path.write_bytes("\ufeff(ü)".encode())
-        assert Source.open(path).read() == [["ü"]]
+        assert Source.open(path).read() == Source.open("\ufeff(ü)").read() == [["ü"]]
         path.write_bytes("(ü)".encode("latin-1"))
         assert Source.open(path).read() == [["ü"]]
 

@@ -168,6 +168,14 @@ class TestParts:
         mixed = read_problem(write_problem(State(instances=[*bare, *OBJECTS])), DOMAIN).instances
         assert [str(item) for item in mixed] == ["a - object", "b - object", "kenny - robot", "hall - room"]
 
+    def test_dashes(self):
+        """Names that begin or end with '-' are not taken for a type's mark, even beside objects called like types."""
+        names = ["a-", "robot", "-b", "c", "room", "d-"]
+        for type_name in ("robot", "object"):
+            instances = [Instance(instance_name=name, instance_type=type_name) for name in names]
+            found = read_problem(write_problem(State(instances=instances)), DOMAIN).instances
+            assert sorted(map(str, found)) == sorted(f"{name} - {type_name}" for name in names)
+
     def test_many_objects(self):
         """Objects of a type may need several lines."""
         instances = [Instance(instance_name=f"r{index}", instance_type="room") for index in range(25)]
