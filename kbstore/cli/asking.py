@@ -101,7 +101,7 @@ def explain(
 
     Examples:
         kbstore explain "(open lab_door)"
-        kbstore explain "(and (docked kenny) (open lab_door))" --at 2026-05-04T09:02:00Z
+        kbstore explain "(and (docked kenny) (open lab_door))" --at -10m
     """
     with asked(url, kb, now) as found:
         asking = found.state(at_time(at, found), at_time(as_of, found))
@@ -128,7 +128,7 @@ def applicable(
 
     Examples:
         kbstore applicable drive kenny home office
-        kbstore applicable pass_door kenny lab_door corridor lab --at 2026-05-04T09:02:00Z
+        kbstore applicable pass_door kenny lab_door corridor lab --at -10m
     """
     with asked(url, kb, now) as found:
         names = arguments or []

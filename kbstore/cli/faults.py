@@ -10,6 +10,7 @@ import typer
 from typer.core import TyperGroup
 
 from kbstore.errors import InvalidKnowledge, KbStoreError, PddlSyntaxError
+from kbstore.report.tables import printable
 
 FAILED = 2
 """The exit code of every error."""
@@ -67,5 +68,5 @@ def _failing() -> Iterator[None]:
 
 
 def _fail(message: str) -> NoReturn:
-    sys.stderr.write(f"kbstore: {' '.join(message.split())}\n")
+    sys.stderr.write(f"kbstore: {printable(message)}\n")
     sys.exit(FAILED)

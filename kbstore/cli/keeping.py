@@ -116,7 +116,7 @@ def import_(
 
     Examples:
         kbstore import kenny.jsonl --url robot.db
-        kbstore import kenny.jsonl --url postgresql+psycopg://localhost/fleet --kb kenny-restored
+        kbstore import kenny.jsonl --url postgresql://server/fleet --kb ken
     """
     with working(f"importing {file.name}") as progress:
         name = kbstore.import_knowledge_base(store(url), file, kb, progress=progress)

@@ -32,7 +32,7 @@ def upgrade(
 
     Examples:
         kbstore db upgrade --url robot.db
-        kbstore db upgrade --url postgresql+psycopg://localhost/robots --schema kbstore
+        kbstore db upgrade --url postgresql://server/fleet --schema kbstore
     """
     with working("upgrading"):
         done = schemas.upgrade(store(url), revision, backup=not no_backup, schema=schema)

@@ -63,7 +63,8 @@ def add(
     What is added --at a later time is scheduled: it is known now, and takes effect then.
 
     Examples:
-        kbstore add "wp7 - waypoint" "(visited wp7)" "(= (battery kenny) 80)" --client mapper
+        kbstore add "wp7 - waypoint" "(visited wp7)" --client mapper
+        kbstore add "(= (battery kenny) 80)"
         kbstore add "(not (open lab_door))" --at +15m --note "closing time"
         kbstore add "(increase (battery kenny) 5)"
     """
@@ -88,7 +89,7 @@ def remove(
 
     Examples:
         kbstore remove "(carries kenny ?)"
-        kbstore remove "linen - parcel" --client ward --note "the patient was moved"
+        kbstore remove "linen - parcel" --note "the patient was moved"
         kbstore remove "(not (open lab_door))" --at 2026-05-04T09:10:00Z
     """
     with told(url, kb, now) as found:

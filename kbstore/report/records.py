@@ -10,7 +10,7 @@ from kbstore.intervals import Intervals
 from kbstore.messages import Condition, KnowledgeItem, format_number
 from kbstore.record import Applicability, Assertion, Change, Diff, Explanation, Transaction
 from kbstore.report.moments import Moments, span
-from kbstore.report.tables import DIM, FALSE, TITLE, plural, table
+from kbstore.report.tables import DIM, FALSE, TITLE, plural, printable, table
 
 
 def history_table(assertions: Sequence[Assertion], moments: Moments) -> RenderableType:
@@ -38,14 +38,17 @@ def outcome(found: Assertion, moments: Moments) -> str:
 
 def by(transaction: Transaction, moments: Moments, beside: int | None = None) -> str:
     """A transaction in a few words: its number, its client, its time (unless that stands `beside` it)."""
-    client = f" by {transaction.client}" if transaction.client else ""
+    client = f" by {printable(transaction.client)}" if transaction.client else ""
     time = "" if transaction.time == beside else f" at {moments.absolute(transaction.time)}"
     return f"#{transaction.number}{client}{time}"
 
 
 def log_table(transactions: Iterable[Transaction], moments: Moments) -> RenderableType:
     """Transactions, one a line."""
-    rows = [(f"#{tx.number}", moments.absolute(tx.time), tx.client, tx.note, str(tx.changes)) for tx in transactions]
+    rows = [
+        (f"#{tx.number}", moments.absolute(tx.time), printable(tx.client), printable(tx.note), str(tx.changes))
+        for tx in transactions
+    ]
     return table("", (">", "time", "client", "note", ">changes"), rows)
 
 
@@ -56,7 +59,7 @@ def change_view(change: Change, moments: Moments) -> RenderableType:
     else:
         title = Text(by(change.transaction, moments), TITLE)
         if change.transaction.note:
-            title.append(f"  {change.transaction.note}", "not bold")
+            title.append(f"  {printable(change.transaction.note)}", "not bold")
     lines = [title]
     for sign, found in (("+", change.asserted), ("-", change.ended), ("x", change.cancelled)):
         for assertion in found:
@@ -118,7 +121,7 @@ def _explanation_line(explanation: Explanation, moments: Moments) -> Text:
     if explanation.transaction is not None:
         line.append(f", {by(explanation.transaction, moments, explanation.since)}")
         if explanation.transaction.note:
-            line.append(f" ({explanation.transaction.note})")
+            line.append(f" ({printable(explanation.transaction.note)})")
     return line
 
 

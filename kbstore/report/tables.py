@@ -30,6 +30,16 @@ def sections(*found: RenderableType | None) -> Group:
     return Group(*(piece for index, part in enumerate(parts) for piece in ((Text(), part) if index else (part,))))
 
 
+def printable(text: str) -> str:
+    r"""Free text on one line, without anything that a terminal would obey.
+
+    >>> printable("a\x1b[31m\n b")
+    'a\\x1b[31m b'
+    """
+    words = " ".join(text.split())
+    return words if words.isprintable() else "".join(c if c.isprintable() else repr(c)[1:-1] for c in words)
+
+
 def plural(count: int, noun: str, many: str = "") -> str:
     """A count with its noun.
 

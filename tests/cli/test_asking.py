@@ -1,0 +1,111 @@
+"""Questions about one moment of the mission, whose figures `tests/demo/test_mission.py` works out."""
+
+import pytest
+
+from kbstore.demo.mission import moment
+
+ALARM = "2026-05-04T09:02:00Z"
+BEFORE = "2026-05-04T09:00:45Z"
+
+
+@pytest.mark.parametrize(
+    ("condition", "at", "code", "said"),
+    [
+        ("(open lab_door)", "2026-05-04T09:00:30Z", 0, "true"),
+        ("(open lab_door)", ALARM, 1, "false"),
+        ("(and (carries kenny ?) (not (open lab_door)))", ALARM, 0, "true"),
+        ("(> (battery linen_cart) 5)", ALARM, 3, "unknown"),
+    ],
+)
+def test_holds_says_it_by_its_exit_code(run, condition, at, code, said):
+    """Exit 0 is true, 1 false, 3 unknown (V6)."""
+    done = run("holds", condition, "--at", at)
+    assert (done.code, done.out, done.err) == (code, f"{said}\n", "")
+    answer = run("holds", condition, "--at", at, "--json")
+    assert (answer.code, answer.json["truth"], answer.json["at"]) == (code, said, at)
+
+
+def test_value_is_a_number_alone(run):
+    """The value is printed in PDDL's way, ready to be used by a script."""
+    assert run("value", "(battery kenny)", "--at", ALARM).out == "35.5\n"
+    assert run("value", "(- 100 (battery kenny))", "--at", ALARM).out == "64.5\n"
+    assert run("value", "(battery kenny)", "--at", ALARM, "--as-of", BEFORE, "--json").json["value"] == 31.0
+
+
+def test_state_shows_everything_that_stood(run):
+    """Facts of both signs, numbers, schedule, goals and metric, each with since when."""
+    done = run("state", "--at", ALARM)
+    assert done.code == 0
+    assert done.words[0].startswith("kenny at 2026-05-04T09:02:00Z (")
+    for line in (
+        "waypoint home office corridor lab",
+        "(not (open lab_door)) 2026-05-04T09:01:00Z 1 min ago",
+        "(robot_at kenny corridor) 2026-05-04T09:01:05Z 55 s ago",
+        "(battery kenny) 35.5 2026-05-04T09:01:02Z 58 s ago",
+        "(not (open lab_door)) 2026-05-04T09:10:00Z in 8 min",
+        "(delivered blood lab) no 2026-05-04T08:58:00Z",
+        "Metric: minimize (total-time)",
+    ):
+        assert line in done.words
+    assert not [line for line in done.out.splitlines() if line != line.rstrip()]
+
+
+def test_state_shows_what_runs(run):
+    """An action that runs, how far it is, and when its end is expected; the rate of what it moves."""
+    words = run("state", "--at", "2026-05-04T09:00:50Z").words
+    assert "(pass_door kenny lab_door corridor lab) 2026-05-04T09:00:40Z 10 s of 40 s 2026-05-04T09:01:20Z" in words
+    assert "(battery kenny) 38.5 -0.25 per s 2026-05-04T09:00:40Z 10 s ago" in words
+
+
+def test_state_as_of_is_what_was_believed(run):
+    """Before the alarm kenny was expected in the lab (Q2)."""
+    done = run("state", "--at", ALARM, "--as-of", BEFORE)
+    assert "as believed at 2026-05-04T09:00:45Z" in done.words[0]
+    assert "(robot_at kenny lab) 2026-05-04T09:01:20Z 40 s ago" in done.words
+
+
+def test_state_in_json_has_times_twice_and_items_as_messages(run):
+    """Each time as ISO text and in nanoseconds; each item in PDDL and in the shape of the message."""
+    state = run("state", "--at", ALARM, "--json").json
+    assert (state["at"], state["at_ns"], state["knowledge_base"]) == (ALARM, moment("09:02:00"), "kenny")
+    assert [item["pddl"] for item in state["timed_knowledge"]] == ["(not (open lab_door))"]
+    (door,) = [fact["item"] for fact in state["facts"] if "open" in fact["pddl"]]
+    assert door == {
+        "knowledge_type": 1,
+        "initial_time": moment("09:01:00"),
+        "is_negative": True,
+        "attribute_name": "open",
+        "values": [{"key": "d", "value": "lab_door"}],
+    }
+
+
+def test_explain_names_reason_time_and_client(run):
+    """Why the linen is not there: its object was removed (V6, C9)."""
+    done = run("explain", "(parcel_at linen office)", "--now", "2026-05-04T09:09:10Z")
+    assert done.words == [
+        "(parcel_at linen office) is false: expired with its instance since 2026-05-04T08:59:10Z (10 min ago),"
+        " #7 by ward (the patient was moved; no linen today)"
+    ]
+    answer = run("explain", "(parcel_at linen office)", "--json").json
+    assert (answer["reason"], answer["since_ns"]) == ("expired with its instance", moment("08:59:10"))
+    assert answer["transaction"]["client"] == "ward"
+
+
+def test_explain_shows_the_parts_that_decide(run):
+    """Of a conjunction that is false, only the part that makes it so."""
+    done = run("explain", "(and (carries kenny blood) (open lab_door))", "--at", ALARM)
+    assert done.words[0].endswith("is false: because")
+    assert done.words[1].startswith("└── (open lab_door) is false: explicitly false since 2026-05-04T09:01:00Z")
+    assert len(done.words) == 2
+
+
+def test_applicable_exits_1_with_what_stands_against_it(run):
+    """The failing condition and since when (O1)."""
+    action = ("applicable", "pass_door", "kenny", "lab_door", "corridor", "lab")
+    done = run(*action, "--at", ALARM)
+    assert done.code == 1
+    assert done.words[1].startswith("(open lab_door) is false since 2026-05-04T09:01:00Z")
+    assert run(*action, "--at", "2026-05-04T09:04:05Z").code == 0
+    answer = run(*action, "--at", ALARM, "--json").json
+    assert answer["applicable"] is False
+    assert [failing["condition"] for failing in answer["failing"]] == ["(open lab_door)"]

@@ -1,0 +1,116 @@
+"""Errors on the command line: one line on standard error, exit 2, nothing else."""
+
+import pytest
+
+NESTED = "(not " * 20_000 + "(open lab_door)" + ")" * 20_000
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["nonsense"], "No such command 'nonsense'"),
+        (["state", "--nonsense"], "No such option: --nonsense"),
+        (["state", "superfluous"], "unexpected extra argument"),
+        (["holds"], "Missing argument 'CONDITION'"),
+        (["holds", "(open lab_door)", "--at"], "--at"),
+        (["holds", "(open lab_door)", "--at", "yesterday"], "'yesterday' is not a time; write ISO 8601"),
+        (["holds", "(open lab_door)", "--at", "2026-05-04T09:02:00"], "is not a time with an offset"),
+        (["holds", "(open lab_door)", "--now", "never"], "'never' is not a time"),
+        (["holds", "(open lab_door"], "a ')' is missing"),
+        (["holds", "(opn lab_door)"], "has no predicate opn"),
+        (["holds", ""], "kbstore: "),
+        (["value", "(battery lab)"], "(battery lab)"),
+        (["value", "(battery bob)"], "(battery bob) has no value"),
+        (["value", "(/ 1 0)"], "divides by 0"),
+        (["explain", "(open ? ?)"], "open"),
+        (["applicable", "fly", "kenny"], "has no operator fly"),
+        (["applicable", "drive", "kenny"], "takes 3"),
+        (["history", "(nonsense ?)"], "nonsense"),
+        (["when", "(open lab_door)", "--since", "+1h", "--until", "-1h"], "is before since"),
+        (["diff"], "Missing argument"),
+        (["diff", "--jsno"], "'--jsno' is not a time"),
+        (["changes", "--after", "-1"], "--after"),
+        (["changes", "--after", "x"], "--after"),
+        (["state", "--kb", "nobody"], "there is no knowledge base 'nobody'"),
+        (["state", "--url", "no/such/file.db"], "there is no store at no/such/file.db"),
+        (["state", "--url", ""], "which store?"),
+        (["state", "--url", "mysql://localhost/robots"], "PostgreSQL"),
+        (["state", "--url", "://"], "://"),
+        (["kbs", "--url", "no/such/file.db"], "no/such/file.db"),
+        (["load", "no-such-file.pddl"], "no-such-file.pddl"),
+        (["load"], "Missing argument"),
+        (["add"], "Missing argument"),
+        (["metric", "minimise (total-time)", "--url", "metric.db"], "minimize"),
+        (["export", "--format", "xml"], "xml"),
+        (["export", "--output", "no/such/problem.pddl"], "no/such/problem.pddl: No such file or directory"),
+        (["export", "--output", "."], "."),
+        (["import", "no-such-file.jsonl"], "no-such-file.jsonl"),
+        (["backup", "no/such/copy.db"], "no/such/copy.db"),
+        (["archive", "old.db"], "Missing option '--before'"),
+        (["archive", "old.db", "--before", "+1h"], "cannot be archived"),
+        (["db", "nonsense"], "No such command 'nonsense'"),
+        (["db", "downgrade"], "Missing argument"),
+        (["db", "upgrade", "0001", "--schema", "s"], "PostgreSQL"),
+        (["goal", "add"], "Missing argument"),
+    ],
+)
+def test_an_error_is_one_line(run, arguments, said, tmp_path, monkeypatch):
+    """What was wrong, on one line of standard error; nothing on standard output; exit 2."""
+    monkeypatch.chdir(tmp_path)
+    done = run(*arguments)
+    assert (done.code, done.out) == (2, "")
+    assert done.err.startswith("kbstore: ")
+    assert done.err.endswith("\n")
+    assert done.err.count("\n") == 1
+    assert said in done.err
+
+
+def test_all_violations_are_on_the_line(run, store):
+    """A transaction's violations come together (D1), each with its item."""
+    done = run("add", "x - robt", "(open door9)", "(docked kenny home)", "--url", store)
+    assert (done.code, done.err.count("\n")) == (2, 1)
+    assert done.err.startswith("kbstore: 3 violations: x - robt: ")
+    assert "; (open door9): " in done.err
+    assert "; (docked kenny home): " in done.err
+
+
+def test_a_file_is_refused_with_line_and_column(run, tmp_path, store):
+    """A PDDL file's refusal names the place; the quoted line is left out."""
+    problem = tmp_path / "problem.pddl"
+    problem.write_text("(define (problem p) (:domain deliveries)\n  (:objects bob - robt)\n  (:init) (:goal (and)))\n")
+    done = run("load", problem, "--url", store)
+    assert (done.code, done.err.count("\n")) == (2, 1)
+    assert f"{problem}:2:" in done.err
+    assert "robt" in done.err
+
+
+def test_deep_nesting_is_an_answer(run):
+    """Text as deep as a command line can hold is read, not refused with a traceback."""
+    assert run("holds", NESTED, "--at", "2026-05-04T09:02:00Z").code == 1
+
+
+def test_nothing_is_stored_after_an_error(run, store):
+    """A bad item at the end takes the good ones with it (C1)."""
+    before = run("changes", "--url", store).out
+    assert run("add", "(open lab_door)", "x - robt", "--url", store).code == 2
+    assert run("changes", "--url", store).out == before
+
+
+@pytest.mark.parametrize(
+    "text", ["(\x1b[31m kenny)", "(\x07 kenny)", "(\u202e kenny)", "(opn\u2028 \r\n kenny)", "(((("]
+)
+def test_what_a_terminal_would_obey_is_not_passed_on(run, text):
+    """Control characters of a bad argument come back visible, on the one line."""
+    done = run("holds", text)
+    assert (done.code, done.out) == (2, "")
+    assert len(done.err.splitlines()) == 1
+    assert done.err.removesuffix("\n").isprintable()
+
+
+def test_nor_what_a_client_wrote_into_a_note(run, store):
+    """Clients and notes are free text; what is shown of them is harmless."""
+    run("add", "(open lab_door)", "--client", "a\x1b[31mb", "--note", "two\nlines \x07", "--url", store)
+    for command in (["changes", "--after", "25"], ["explain", "(open lab_door)"], ["history", "(open lab_door)"]):
+        shown = run(*command, "--url", store)
+        assert "a\\x1b[31mb" in shown.out
+        assert shown.out.replace("\n", "").isprintable()

@@ -1,0 +1,105 @@
+"""Help, completion, and what all commands have in common."""
+
+import json
+
+import pytest
+
+from kbstore.cli.app import COMMANDS, app, db, goal
+
+PREFIX = {id(app): (), id(goal): ("goal",), id(db): ("db",)}
+EVERY = [(*PREFIX[id(group)], name) for group, _, functions in COMMANDS for name in functions]
+
+ASKED = "2026-05-04T09:02:00Z"
+EXAMPLES = {
+    "load": None,
+    "add": ["(open lab_door)"],
+    "remove": ["(open lab_door)"],
+    "metric": [],
+    "state": ["--at", ASKED],
+    "holds": ["(open lab_door)"],
+    "value": ["(battery kenny)"],
+    "explain": ["(open lab_door)"],
+    "applicable": ["undock", "kenny", "home"],
+    "history": ["(open ?)"],
+    "when": ["(open lab_door)"],
+    "diff": [ASKED],
+    "changes": ["--after", "24"],
+    "kbs": [],
+    "export": ["--at", ASKED, "--format", "json"],
+    "import": None,
+    "backup": ["copy.db"],
+    "archive": ["old.db", "--before", ASKED],
+    "demo": ["demo.db"],
+    "goal add": ["(docked kenny)"],
+    "goal remove": ["(docked kenny)"],
+    "db upgrade": [],
+    "db downgrade": ["0001"],
+    "db current": [],
+    "db check": [],
+    "db history": [],
+}
+
+
+def test_the_commands_are_those_that_are_promised():
+    """Every command of the list is there, and no other."""
+    assert {" ".join(name) for name in EVERY} == set(EXAMPLES)
+
+
+@pytest.mark.parametrize("command", EVERY, ids=" ".join)
+def test_help_shows_examples_and_json(run, command):
+    """Each command's help says what it does, and has the option --json and examples that begin with the command."""
+    done = run(*command, "--help")
+    assert (done.code, done.err) == (0, "")
+    assert "--json" in done.out
+    examples = done.out.partition("Examples:")[2].partition("╭")[0]
+    lines = [line.strip() for line in examples.splitlines() if line.strip()]
+    assert lines
+    assert all(line.startswith("kbstore ") and " ".join(command) in line for line in lines)
+
+
+@pytest.mark.parametrize("command", sorted(name for name, arguments in EXAMPLES.items() if arguments is not None))
+def test_every_command_answers_in_json(run, store, command, tmp_path, monkeypatch):
+    """--json gives one JSON value, or one a line, and nothing else, before or after the command."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("KBSTORE_URL", str(store))
+    done = run(*command.split(), *EXAMPLES[command], "--json")
+    assert done.code in (0, 1)
+    assert done.err == ""
+    if command == "changes":
+        assert [json.loads(line)["number"] for line in done.out.splitlines()] == [25, 25]
+    else:
+        json.loads(done.out)
+
+
+def test_json_may_stand_before_the_command(run):
+    """As the other shared options may."""
+    assert run("--json", "value", "(battery kenny)", "--at", ASKED).json["value"] == 35.5
+    assert run("--json", "--now", ASKED, "db", "history").json
+
+
+def test_without_a_command_help_is_shown(run):
+    """`kbstore`, `kbstore goal` and `kbstore db` alone show what there is, and succeed."""
+    for group in ((), ("goal",), ("db",)):
+        done = run(*group)
+        assert (done.code, done.err) == (0, "")
+        assert "Usage: kbstore" in done.out
+
+
+def test_version(run):
+    """The version of the installed package."""
+    assert run("--version").out.startswith("kbstore 0.")
+
+
+def test_completion(run, monkeypatch):
+    """The shell is told commands, options, formats, and the names of knowledge bases."""
+    for words, expected in (
+        ("kbstore sta", "state"),
+        ("kbstore db up", "upgrade"),
+        ("kbstore state --as", "--as-of"),
+        ("kbstore export --format j", "json"),
+        ("kbstore state --kb k", "kenny"),
+    ):
+        monkeypatch.setenv("_KBSTORE_COMPLETE", "complete_bash")
+        monkeypatch.setenv("COMP_WORDS", words)
+        monkeypatch.setenv("COMP_CWORD", str(len(words.split()) - 1))
+        assert expected in run().out.split()

@@ -1,0 +1,91 @@
+"""The command line as real processes: exit codes, pipes, terminals, signals."""
+
+import json
+import os
+import pty
+import re
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+KBSTORE = [sys.executable, "-W", "error", "-c", "from kbstore.cli import main; main()"]
+DOOR = "(open lab_door)"
+
+
+@pytest.fixture
+def environment(recorded):
+    """An environment that names the recorded mission, and a terminal of a plain kind."""
+    kept = {name: value for name, value in os.environ.items() if name not in ("NO_COLOR", "FORCE_COLOR", "COLUMNS")}
+    root = str(Path(__file__).parents[2])
+    return {**kept, "KBSTORE_URL": str(recorded), "TERM": "xterm-256color", "PYTHONPATH": root}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code"),
+    [
+        (["holds", DOOR, "--at", "2026-05-04T09:00:30Z"], 0),
+        (["holds", DOOR, "--at", "2026-05-04T09:02:00Z"], 1),
+        (["holds", "(opn lab_door)"], 2),
+        (["holds", "(> (battery office_cart) 1)"], 3),
+    ],
+)
+def test_exit_codes(environment, arguments, code):
+    """0 is true, 1 false, 2 an error (one line, no traceback), 3 unknown."""
+    done = subprocess.run([*KBSTORE, *arguments], env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == code
+    assert done.stderr.count("\n") == (1 if code == 2 else 0)
+    assert done.stdout.count("\n") == (0 if code == 2 else 1)
+
+
+def test_a_terminal_gets_colours_and_folded_lines(environment):
+    """On a terminal of 80 columns no line is longer, and nothing is cut off."""
+    leader, follower = pty.openpty()
+    call = [*KBSTORE, "history", DOOR]
+    with subprocess.Popen(call, env={**environment, "COLUMNS": "80"}, stdout=follower, stderr=follower) as process:
+        os.close(follower)
+        shown = b""
+        while True:
+            try:
+                shown += os.read(leader, 65536)
+            except OSError:
+                break
+        assert process.wait() == 0
+    os.close(leader)
+    text = shown.decode()
+    assert "\x1b[" in text
+    assert "…" not in text
+    plain = re.sub(r"\x1b\[[0-9;]*m", "", text)
+    assert max(map(len, plain.splitlines())) <= 80
+
+
+def test_a_reader_that_has_had_enough(environment):
+    """`kbstore changes | head -1` ends without complaint."""
+    call = f"{sys.executable} -W error -c 'from kbstore.cli import main; main()' changes | head -1"
+    done = subprocess.run(["sh", "-c", call], env=environment, capture_output=True, text=True, check=False)
+    assert done.stdout.startswith("#1 by mission at 2026-05-04T08:58:00Z")
+    assert done.stderr == ""
+
+
+def test_following_ends_with_ctrl_c(environment, store):
+    """`changes --follow` shows what there is and what comes, line by line, and ends quietly."""
+    environment = {**environment, "KBSTORE_URL": str(store)}
+    call = [*KBSTORE, "changes", "--after", "24", "--follow", "--json"]
+    with subprocess.Popen(call, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert json.loads(process.stdout.readline())["number"] == 25
+        assert json.loads(process.stdout.readline())["by_clock"] is True
+        subprocess.run([*KBSTORE, "add", DOOR, "--client", "guard"], env=environment, capture_output=True, check=True)
+        came = json.loads(process.stdout.readline())
+        assert (came["number"], came["transaction"]["client"]) == (26, "guard")
+        process.send_signal(signal.SIGINT)
+        _, complaint = process.communicate(timeout=30)
+    assert (process.returncode, complaint) == (130, "")
+
+
+def test_importing_the_command_line_is_quick(environment):
+    """Help does not load what only a few commands need: alembic, unified_planning."""
+    code = "import sys, kbstore.cli; print(*(name for name in ('alembic', 'unified_planning') if name in sys.modules))"
+    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == ""

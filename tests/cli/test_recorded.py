@@ -1,0 +1,82 @@
+"""Questions over time, on the mission."""
+
+import json
+
+from kbstore.demo.mission import moment
+
+
+def test_history_lists_who_said_and_who_ended(run):
+    """One line an assertion; a cancelled one is marked (Q3)."""
+    assert run("history", "(open lab_door)").words[2:] == [
+        "(open lab_door) 2026-05-04T09:00:00Z 2026-05-04T09:01:00Z 1 min"
+        " #1 by mission at 2026-05-04T08:58:00Z #11 by fire alarm",
+        "(not (open lab_door)) 2026-05-04T09:01:00Z 2026-05-04T09:04:00Z 3 min #11 by fire alarm #14 by facilities",
+        "(open lab_door) 2026-05-04T09:04:00Z 2026-05-04T09:15:00Z 11 min"
+        " #14 by facilities #14 by facilities at 2026-05-04T09:04:00Z",
+        "(not (open lab_door)) 2026-05-04T09:10:00Z cancelled"
+        " #1 by mission at 2026-05-04T08:58:00Z #14 by facilities at 2026-05-04T09:04:00Z",
+        "(not (open lab_door)) 2026-05-04T09:15:00Z #14 by facilities at 2026-05-04T09:04:00Z",
+    ]
+
+
+def test_history_in_a_span(run):
+    """With --since and --until, what overlaps the span."""
+    span = ("--since", "2026-05-04T09:04:30Z", "--until", "2026-05-04T09:05:30Z")
+    listed = run("history", "(robot_at kenny ?)", *span, "--json").json
+    assert [(found["pddl"], found["initial_ns"], found["end_ns"]) for found in listed] == [
+        ("(robot_at kenny lab)", moment("09:04:50"), moment("09:05:10"))
+    ]
+    assert listed[0]["recorded"]["number"] == 16
+    assert run("history", "(delivered linen ?)").out == "nothing was said of it in that span\n"
+
+
+def test_when_lists_intervals(run):
+    """Exact to the nanosecond, and how long altogether (Q4)."""
+    assert run("when", "(< (battery kenny) 20)").words[2:] == [
+        "2026-05-04T09:05:32.000000001Z 2026-05-04T09:07:43Z 2 min 11 s",
+        "true for 2 min 11 s altogether, in 1 interval",
+    ]
+    future = ("--since", "now", "--until", "+1h", "--now", "2026-05-04T09:09:10Z", "--json")
+    assert run("when", "(open lab_door)", *future).json == [
+        {
+            "start": "2026-05-04T09:09:10Z",
+            "start_ns": moment("09:09:10"),
+            "end": "2026-05-04T09:15:00Z",
+            "end_ns": moment("09:15:00"),
+        }
+    ]
+    assert run("when", "(delivered linen lab)").out == "never true in that span\n"
+
+
+def test_diff_takes_times_as_arguments(run):
+    """What became true, was withdrawn, and changed (Q5); a relative time is no option."""
+    done = run("diff", "2026-05-04T08:59:00Z", "2026-05-04T09:06:00Z")
+    assert "changed (battery kenny) from 56 to 15.5" in done.words
+    assert "withdrawn linen - parcel" in done.words
+    assert "goal removed (delivered linen lab)" in done.words
+    relative = run("diff", "-10m10s", "-3m10s", "--now", "last", "--json").json
+    assert relative == run("diff", "2026-05-04T08:59:00Z", "2026-05-04T09:06:00Z", "--json").json
+    assert relative["numbers"] == [{"function": "(battery kenny)", "before": 56.0, "after": 15.5}]
+    assert run("diff", "-1s", "--now", "last").out != "no difference\n"
+    assert run("diff", "now", "now").out == "no difference\n"
+
+
+def test_changes_tells_what_each_transaction_did(run):
+    """With what the clock alone brought about, in the order of time; goals are marked as such (Q6)."""
+    words = run("changes").words
+    start = words.index("#7 by ward at 2026-05-04T08:59:10Z the patient was moved; no linen today")
+    assert words[start + 1 : start + 4] == [
+        "- linen - parcel",
+        "- (parcel_at linen office)",
+        "- goal (delivered linen lab)",
+    ]
+    opening = words.index("2026-05-04T09:00:00Z by the clock")
+    assert words[opening + 1] == "+ (open lab_door)"
+    assert words.index(next(word for word in words if word.startswith("#9 "))) > opening
+
+
+def test_changes_about_something(run):
+    """With a pattern, only what matches it."""
+    changes = [json.loads(line) for line in run("changes", "(open ?)", "--after", "10", "--json").out.splitlines()]
+    assert [(change["number"], change["by_clock"]) for change in changes] == [(11, False), (14, False), (25, True)]
+    assert [item["pddl"] for item in changes[1]["cancelled"]] == ["(not (open lab_door))"]
