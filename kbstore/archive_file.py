@@ -17,9 +17,10 @@ from kbstore.messages import KnowledgeType
 from kbstore.missions import Mission
 from kbstore.reading import as_running
 from kbstore.storage import queries, schema
-from kbstore.storage.engine import Database, Session
+from kbstore.storage.engine import Database
 from kbstore.storage.recorder import Recorder
 from kbstore.storage.repository import Head, Moment, Repository, TimelineCache
+from kbstore.storage.session import Session
 from kbstore.storage.transfer import Part, Record, Source, Target, batches, sync_directory
 from kbstore.storage.transfer_queries import (
     ARCHIVE,

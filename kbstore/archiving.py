@@ -17,8 +17,8 @@ from kbstore.clock import isoformat, time
 from kbstore.errors import HistoryUnavailable, InvalidTime
 from kbstore.reading import Reader
 from kbstore.storage import transfer_queries as statements
-from kbstore.storage.engine import Session
 from kbstore.storage.repository import Head, Repository
+from kbstore.storage.session import Session
 from kbstore.storage.transfer import Part, Progress, Source, Steps
 
 WINDOW = 500

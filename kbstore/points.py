@@ -15,8 +15,8 @@ from kbstore.names import is_wildcard, key
 from kbstore.questions import Question, as_condition, as_expression
 from kbstore.reading import Reader
 from kbstore.storage import queries
-from kbstore.storage.engine import Session
 from kbstore.storage.repository import Moment, Repository
+from kbstore.storage.session import Session
 from kbstore.timelines import Role, Timeline, Value
 from kbstore.vocabulary import Vocabulary
 

@@ -36,9 +36,9 @@ from kbstore.reading import Picture, Place, Reader
 from kbstore.record import Applicability, Run, Transaction
 from kbstore.snapshot import Row
 from kbstore.state import State
-from kbstore.storage.engine import Session
 from kbstore.storage.recorder import Recorder
 from kbstore.storage.repository import Moment, Repository
+from kbstore.storage.session import Session
 from kbstore.timelines import Identity, Role, Timeline
 from kbstore.vocabulary import Vocabulary
 

@@ -66,8 +66,8 @@ def _copy_rows(database: Database, path: Path, progress: Progress | None) -> Non
                 made = Target(target, found.name, use_unknowns=found.use_unknowns)
                 copy(found, made, steps)
                 made.put_head(found.head)
-        with copied.translating():
-            _make_single_file(copied.session().driver)
+        with copied.asking() as session, copied.translating():
+            _make_single_file(session.driver)
     finally:
         copied.close()
 

@@ -1,186 +1,41 @@
-"""Connections to a store: one for each thread, transactions begun and ended by hand, errors translated in one place.
+"""A store's connections: one for each thread, with what the store needs of them.
 
 SQLAlchemy gives the engine, the dialect and the pool. Statements go to the driver's own cursor, because a
 statement compiled for each call costs five times what a point question costs.
 """
 
-import json
 import os
-import re
 import sqlite3
 import threading
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Final
+from typing import Any
 
-import sqlalchemy
 from sqlalchemy import Engine, create_engine
 from sqlalchemy.engine import URL, make_url
 from sqlalchemy.exc import ArgumentError, DBAPIError, NoSuchModuleError
-from sqlalchemy.pool import StaticPool
+from sqlalchemy.exc import TimeoutError as PoolTimeout
+from sqlalchemy.pool import NullPool, SingletonThreadPool, StaticPool
 
 from kbstore.errors import StoreUnavailable
+from kbstore.storage import forks
+from kbstore.storage.session import Parameters, Row, Session, unavailable
+from kbstore.storage.statements import Statement
 
-Row = tuple[Any, ...]
-Parameters = Mapping[str, Any]
-
-_NAMED = re.compile(r"(?<![:\w]):(\w+)")
-_EACH = re.compile(r"EACH\((\w+) AS (\w+)\)")
-_AMONG = re.compile(r"AMONG\((\w+), (\w+)\)")
-_TRANSIENT: Final = ("locked", "busy")
-
-
-class Statement:
-    """One SQL statement in both dialects, with parameters written ``:name``.
-
-    ``EACH(names AS text)`` is a table with the column ``value`` of what the array parameter holds, and
-    ``AMONG(node, path)`` says that a column has one of the numbers of the array parameter. On SQLite that is an IN
-    on purpose: a join gets a Bloom filter after ANALYZE, and the whole index is scanned.
-    """
-
-    __slots__ = ("postgresql", "sqlite")
-
-    def __init__(self, sql: str) -> None:
-        sqlite = _AMONG.sub(r"\1 IN (SELECT value FROM json_each(:\2))", sql)
-        sql = _AMONG.sub(r"\1 = ANY(CAST(:\2 AS bigint[]))", sql)
-        self.sqlite = _EACH.sub(r"json_each(:\1)", sqlite)
-        self.sqlite = self.sqlite.replace(" FOR UPDATE", "")
-        self.postgresql = _NAMED.sub(r"%(\1)s", _EACH.sub(r"unnest(CAST(:\1 AS \2[])) AS each_row(value)", sql))
-
-
-class Lookup(Statement):
-    """A statement whose parameters are given in an order, for the shortest way to one row."""
-
-    __slots__ = ("names",)
-
-    def __init__(self, sql: str, *names: str) -> None:
-        super().__init__(sql)
-        self.names = names
-        self.sqlite = _NAMED.sub(lambda found: f"?{names.index(found[1]) + 1}", self.sqlite)
-
-
-class Insertion(Statement):
-    """Adds rows, given as sequences in the order of the columns: a name for each value would cost half the time."""
-
-    __slots__ = ()
-
-    def __init__(self, table: str, *columns: str) -> None:
-        sql = f"INSERT INTO {table} ({', '.join(columns)}) VALUES "
-        self.sqlite = f"{sql}({', '.join('?' * len(columns))})"
-        self.postgresql = f"{sql}({', '.join(['%s'] * len(columns))})"
-
-
-class Session:
-    """One thread's connection. Statements outside of a transaction see the latest commit."""
-
-    def __init__(self, connection: sqlalchemy.Connection, dialect: str) -> None:
-        self._connection = connection
-        driver: Any = connection.connection.driver_connection
-        self.driver = driver
-        self._sqlite = dialect == "sqlite"
-        self._execute = driver.execute
-        self.in_transaction = False
-        self._answers: dict[int, dict[Any, Any]] = {}
-        self._data_version = -1
-
-    def answers(self, kb: int) -> dict[Any, Any]:
-        """What is remembered of a knowledge base; forgotten whenever any connection has committed (SQLite only)."""
-        version = self._execute("PRAGMA data_version").fetchone()[0]
-        if version != self._data_version:
-            self._data_version = version
-            self._answers.clear()
-        answers = self._answers.get(kb)
-        if answers is None:
-            answers = self._answers[kb] = {}
-        return answers
-
-    def all(self, statement: Statement, parameters: Parameters) -> list[Row]:
-        """All rows."""
-        text = statement.sqlite if self._sqlite else statement.postgresql
-        rows: list[Row] = self._execute(text, parameters).fetchall()
-        return rows
-
-    def stream(self, statement: Statement, parameters: Parameters) -> Iterator[Row]:
-        """The rows one after another, without holding all of them in memory; within a transaction."""
-        if self._sqlite:
-            yield from self._execute(statement.sqlite, parameters)
-            return
-        with self.driver.cursor(name="kbstore_rows") as cursor:
-            cursor.itersize = 2000
-            yield from cursor.execute(statement.postgresql, parameters)
-
-    def first(self, statement: Statement, parameters: Parameters) -> Row | None:
-        """The first row, if any."""
-        text = statement.sqlite if self._sqlite else statement.postgresql
-        row: Row | None = self._execute(text, parameters).fetchone()
-        return row
-
-    def look_up(self, statement: Lookup, *parameters: int) -> Row | None:
-        """The first row of a look-up, if any."""
-        if self._sqlite:
-            row: Row | None = self._execute(statement.sqlite, parameters).fetchone()
-            return row
-        return self.first(statement, dict(zip(statement.names, parameters, strict=True)))
-
-    def run(self, statement: Statement, parameters: Parameters) -> int:
-        """Run a statement that returns no rows; the number of rows that it changed."""
-        text = statement.sqlite if self._sqlite else statement.postgresql
-        return int(self._execute(text, parameters).rowcount)
-
-    def many(self, statement: Statement, rows: Sequence[Parameters | Sequence[Any]]) -> None:
-        """Run a statement once for each set of parameters."""
-        if rows:
-            text = statement.sqlite if self._sqlite else statement.postgresql
-            self.driver.cursor().executemany(text, rows)
-
-    def array(self, values: Sequence[Any]) -> Any:
-        """An array parameter for a statement with ``EACH``."""
-        return json.dumps(values) if self._sqlite else list(values)
-
-    def timeline_ids(self, count: int) -> Sequence[int]:
-        """Numbers for new timelines; on SQLite the writer is alone, so they follow the last."""
-        if self._sqlite:
-            row = self._execute("SELECT coalesce(max(id), 0) FROM timelines").fetchone()
-            return range(row[0] + 1, row[0] + 1 + count)
-        sequence = "SELECT nextval(pg_get_serial_sequence('timelines', 'id')) FROM generate_series(1, %s)"
-        return [row[0] for row in self._execute(sequence, (count,)).fetchall()]
-
-    def begin(self, *, write: bool) -> None:
-        """Begin a transaction: for writing with SQLite's only write lock; for reading, on one snapshot."""
-        if self._sqlite:
-            self._execute("BEGIN IMMEDIATE" if write else "BEGIN")
-        else:
-            self._execute("BEGIN" if write else "BEGIN ISOLATION LEVEL REPEATABLE READ READ ONLY")
-        self.in_transaction = True
-
-    def commit(self) -> None:
-        """Commit the transaction."""
-        self._execute("COMMIT")
-        self.in_transaction = False
-        # data_version does not tell of this connection's own commits
-        self._answers.clear()
-
-    def rollback(self) -> None:
-        """Roll the transaction back; a connection that is lost has done so already."""
-        self.in_transaction = False
-        # after some errors (a full disk) SQLite has rolled back by itself
-        if not self._sqlite or self.driver.in_transaction:
-            self._execute("ROLLBACK")
-
-    def close(self) -> None:
-        """Give the connection back to the pool."""
-        self._connection.close()
-
-    def discard(self) -> None:
-        """Drop a connection that does not work any more."""
-        self._connection.invalidate()
-        self._connection.close()
+BUSY_TIMEOUT = 30.0
+"""Seconds to wait for a lock that others hold, unless told otherwise."""
 
 
 class Database:
-    """A store's connections. May be used from several threads, and after a fork."""
+    """A store's connections. May be used from several threads, and after a fork.
+
+    Each thread has a connection of its own, for as long as it lives; a store in memory has one, which threads use in
+    turn. Of an engine of the caller's, connections are given back as they were when they came; meanwhile they are
+    kbstore's.
+    """
 
     def __init__(
         self,
@@ -188,10 +43,12 @@ class Database:
         *,
         durability: str = "full",
         read_only: bool = False,
-        busy_timeout: float = 30.0,
+        busy_timeout: float = BUSY_TIMEOUT,
     ) -> None:
         if durability not in ("full", "normal"):
             raise ValueError(f'durability is "full" or "normal", not {durability!r}')
+        if not 0 <= busy_timeout <= 1_000_000:
+            raise ValueError(f"busy_timeout is a number of seconds from 0 to a million, not {busy_timeout!r}")
         self._owns_engine = not isinstance(url, Engine)
         self.engine = url if isinstance(url, Engine) else make_engine(url, busy_timeout=busy_timeout)
         self.dialect = self.engine.dialect.name
@@ -200,22 +57,22 @@ class Database:
         self._durability = durability
         self._read_only = read_only
         self._busy_timeout = busy_timeout
-        self._closed = False
-        self._sessions: dict[int, tuple[threading.Thread, Session]] = {}
+        self._is_in_memory = isinstance(self.engine.pool, StaticPool | SingletonThreadPool)
+        self._is_closed = False
+        self._shared: Session | None = None
         self._local = threading.local()
-        self._process = os.getpid()
-        shared = isinstance(self.engine.pool, StaticPool)
-        self._shared_session: Session | None = None
-        self._shared = shared
-        self.guard: AbstractContextManager[Any] = threading.RLock() if shared else nullcontext()
+        self._sessions: dict[int, tuple[threading.Thread, Session]] = {}
+        self._opening = threading.RLock()
+        """Held where sessions come and go."""
+        self._held: list[Any] = []
+        forks.attend(self)
 
     # -- transactions -----------------------------------------------------------------------------------------
 
     @contextmanager
     def reading(self) -> Iterator[Session]:
         """A session on one snapshot of the store; within a transaction of this thread, that transaction's."""
-        with self.guard, self.translating():
-            session = self.session()
+        with self.asking() as session, self.translating():
             if session.in_transaction:
                 yield session
                 return
@@ -228,17 +85,13 @@ class Database:
     @contextmanager
     def writing(self) -> Iterator[Session]:
         """A session with a write transaction: committed at the end, rolled back after an exception."""
-        with self.guard:
-            with self.translating():
-                session = self.session()
-                session.begin(write=True)
+        with self.asking() as session:
+            session.begin(write=True)
             try:
-                with self.translating():
-                    yield session
-                    session.commit()
+                yield session
+                session.commit()
             except BaseException:
-                with self.translating():
-                    self._roll_back(session)
+                session.rollback()
                 raise
 
     def asking(self) -> "_Asking":
@@ -250,148 +103,225 @@ class Database:
         with self.asking() as session:
             return session.first(statement, parameters)
 
-    def _roll_back(self, session: Session) -> None:
-        try:
-            session.rollback()
-        except Exception as error:
-            if not self._is_driver_error(error):
-                raise
-            self._discard()
-
     # -- sessions ---------------------------------------------------------------------------------------------
 
-    def session(self) -> Session:
-        """This thread's session; opened when there is none."""
-        if self._closed:
-            raise StoreUnavailable("this knowledge base is closed; open it again with kbstore.open()")
-        if self._process != os.getpid():
-            self._forget_parent()
-        session: Session | None = self._shared_session if self._shared else getattr(self._local, "session", None)
-        return session or self._open_session()
+    def take(self) -> Session:
+        """This thread's session, opened where there is none; to be given back."""
+        while True:
+            session: Session | None = self._shared if self._is_in_memory else getattr(self._local, "session", None)
+            if session is None or self._is_closed:
+                session = self._open()
+            # taken by another thread of a store in memory, by a fork, or by `close`
+            if not session.lock.acquire(timeout=self._busy_timeout):
+                raise StoreUnavailable(
+                    f"{self._name()} has been used by another thread for more than {self._busy_timeout:g} s; end its "
+                    "transaction, or open the store with a longer busy_timeout"
+                )
+            session.uses += 1
+            if not self._is_closed and (session.uses > 1 or session.is_alive()):
+                return session
+            self.give_back(session)
 
-    def _open_session(self) -> Session:
-        connection = self.engine.connect().execution_options(isolation_level="AUTOCOMMIT")
-        session = Session(connection, self.dialect)
-        for setting in self._settings():
-            session.driver.execute(setting)
-        if self._shared:
-            self._shared_session = session
+    def give_back(self, session: Session) -> None:
+        """Done with a session; one that is lost, or of a store that was closed meanwhile, is dropped."""
+        session.uses -= 1
+        if not session.uses and (session.is_lost or self._is_closed):
+            self._drop(session)
+        session.lock.release()
+
+    def _open(self) -> Session:
+        """Connect."""
+        with self._opening:
+            if self._is_closed:
+                raise StoreUnavailable("this knowledge base is closed; open it again with kbstore.open()")
+            if self._shared is not None:
+                return self._shared
+            if self.dialect == "sqlite":
+                forks.refuse_unsafe()
+            with self.translating():
+                connection = self.engine.connect().execution_options(isolation_level="AUTOCOMMIT")
+            session = Session(connection, self._name(), self._busy_timeout)
+            try:
+                if self.dialect == "sqlite" and not self._is_in_memory and not self._read_only:
+                    self._use_write_ahead_log(session.driver)
+                session.configure(self._settings(), restore=not self._owns_engine)
+            except BaseException:
+                session.close(give_back=not self._owns_engine)
+                raise
+            if self._is_in_memory:
+                self._shared = session
+            else:
+                self._local.session = session
+                self._drop_those_of_dead_threads()
+                self._sessions[threading.get_ident()] = (threading.current_thread(), session)
             return session
-        self._local.session = session
-        self._release_dead_threads()
-        self._sessions[threading.get_ident()] = (threading.current_thread(), session)
-        return session
 
-    def _settings(self) -> list[str]:
+    def _settings(self) -> dict[str, Any]:
+        patience = int(self._busy_timeout * 1000)
         if self.dialect == "postgresql":
-            level = "on" if self._durability == "full" else "off"
-            return [
-                f"SET synchronous_commit = {level}",
-                *(["SET default_transaction_read_only = on"] * self._read_only),
-            ]
-        return [
-            f"PRAGMA busy_timeout = {int(self._busy_timeout * 1000)}",
-            "PRAGMA foreign_keys = ON",
-            *(["PRAGMA journal_mode = WAL"] * (not self._read_only)),
-            f"PRAGMA synchronous = {self._durability.upper()}",
-            "PRAGMA cache_size = -65536",
-            *(["PRAGMA query_only = ON"] * self._read_only),
-        ]
+            settings: dict[str, Any] = {
+                "synchronous_commit": "on" if self._durability == "full" else "off",
+                # 0 would be for ever
+                "lock_timeout": max(1, patience),
+            }
+            return settings | ({"default_transaction_read_only": "on"} if self._read_only else {})
+        settings = {
+            "busy_timeout": patience,
+            "foreign_keys": 1,
+            "synchronous": {"full": 2, "normal": 1}[self._durability],
+            "cache_size": -65536,
+        }
+        return settings | ({"query_only": 1} if self._read_only else {})
 
-    def _release_dead_threads(self) -> None:
-        for ident, (thread, session) in list(self._sessions.items()):
+    def _use_write_ahead_log(self, driver: Any) -> None:
+        """Readers and a writer don't wait for each other; a property of the file.
+
+        Where several connections change it at once SQLite does not wait, whatever its time-out is.
+        """
+        deadline = time.monotonic() + self._busy_timeout
+        with self.translating():
+            driver.execute(f"PRAGMA busy_timeout = {int(self._busy_timeout * 1000)}")
+            while True:
+                try:
+                    driver.execute("PRAGMA journal_mode = WAL").fetchone()
+                except sqlite3.OperationalError as error:
+                    if error.sqlite_errorcode & 0xFF != sqlite3.SQLITE_BUSY or time.monotonic() >= deadline:
+                        raise
+                    time.sleep(0.01)
+                else:
+                    return
+
+    def _drop_those_of_dead_threads(self) -> None:
+        for thread, session in list(self._sessions.values()):
             if not thread.is_alive():
-                del self._sessions[ident]
-                session.close()
+                self._drop(session)
 
-    def _forget_parent(self) -> None:
-        """After a fork: leave the parent's connections alone, and begin with none."""
-        self.engine.dispose(close=False)
-        self._process = os.getpid()
-        self._local = threading.local()
-        self._sessions = {}
-        self._shared_session = None
-
-    def _discard(self) -> None:
-        session = getattr(self._local, "session", None)
-        if session is not None:
-            self._local.session = None
-            self._sessions.pop(threading.get_ident(), None)
-            session.discard()
+    def _drop(self, session: Session) -> None:
+        with self._opening:
+            if self._shared is session:
+                self._shared = None
+            for ident, (_, known) in list(self._sessions.items()):
+                if known is session:
+                    del self._sessions[ident]
+        if getattr(self._local, "session", None) is session:
+            del self._local.session
+        session.close(give_back=not self._owns_engine)
 
     def close(self) -> None:
-        """Close the connections; what is asked afterwards is refused."""
-        if self._closed:
-            return
-        self._closed = True
-        if self._process != os.getpid():
-            return
-        for _, session in self._sessions.values():
-            session.close()
-        if self._shared_session is not None:
-            self._shared_session.close()
-        if self._owns_engine:
+        """Close the connections; what is asked afterwards is refused.
+
+        A transaction that another thread, or the caller, has under way may go on to its end.
+        """
+        with self._opening:
+            if self._is_closed:
+                return
+            self._is_closed = True
+            sessions = self._open_sessions()
+        in_use = False
+        for session in sessions:
+            if session.lock.acquire(blocking=False):
+                try:
+                    if not session.uses:
+                        self._drop(session)
+                        continue
+                finally:
+                    session.lock.release()
+            in_use = True
+        if self._owns_engine and not in_use:
             self.engine.dispose()
+
+    def _open_sessions(self) -> list[Session]:
+        sessions = [session for _, session in self._sessions.values()]
+        return sessions if self._shared is None else [*sessions, self._shared]
+
+    # -- forks ------------------------------------------------------------------------------------------------
+
+    def hold(self, deadline: float) -> bool:
+        """Before a fork: keep other threads out of SQLite; False if they don't leave it until a deadline."""
+
+        def held(lock: Any) -> bool:
+            found: bool = lock.acquire(timeout=max(0.0, deadline - time.monotonic()))
+            if found:
+                self._held.append(lock)
+            return found
+
+        if self.dialect != "sqlite":
+            return True
+        return held(self._opening) and all(held(session.lock) for session in self._open_sessions())
+
+    def let_go(self) -> None:
+        """After a fork: other threads may go on."""
+        while self._held:
+            self._held.pop().release()
+
+    def forget_parent(self, *, is_quiet: bool) -> bool:
+        """In a forked child: leave the parent's connections, and begin with none; what is in memory is a copy.
+
+        Returns whether all files that the parent had open could be closed, which needs a fork that was quiet.
+        """
+        if self._is_in_memory:
+            self.let_go()
+            if not is_quiet:
+                self._shared = None
+            return is_quiet
+        is_file = self.dialect == "sqlite"
+        sessions = self._open_sessions()
+        # rolling back what the parent has written would do so in the log that both have
+        closing = is_quiet and is_file and not any(session.has_unsettled for session in sessions)
+        for session in sessions:
+            session.leave_to_parent(close=closing)
+        # idle connections in a pool of the caller's: files are closed, too, a server is not spoken to
+        self.engine.dispose(close=closing)
+        self._local = threading.local()
+        self._sessions = {}
+        self._opening = threading.RLock()
+        self._held = []
+        return closing or not is_file
 
     # -- errors -----------------------------------------------------------------------------------------------
 
     @contextmanager
     def translating(self) -> Iterator[None]:
-        """The driver's errors, as `StoreUnavailable` with what to do."""
+        """Errors of the driver itself, and of connecting, as `StoreUnavailable` with what to do."""
         try:
             yield
+        except PoolTimeout as error:
+            raise StoreUnavailable(
+                f"{self._name()}: no connection is left in the pool of the engine, and kbstore keeps one for each "
+                f"thread that uses it; give the engine a larger pool, or kbstore the URL ({error})"
+            ) from error
         except DBAPIError as error:
-            raise self._translated(error.orig or error) from error
-        except Exception as error:
-            if not self._is_driver_error(error):
-                raise
-            raise self._translated(error) from error
+            raise unavailable(error.orig or error, self._name(), self._busy_timeout) from error
+        except self.engine.dialect.loaded_dbapi.Error as error:
+            raise unavailable(error, self._name(), self._busy_timeout) from error
 
-    def _is_driver_error(self, error: BaseException) -> bool:
-        return isinstance(error, self.engine.dialect.loaded_dbapi.Error)
-
-    def _translated(self, error: BaseException) -> StoreUnavailable:
-        store = self.engine.url.render_as_string(hide_password=True)
-        reason = str(error).strip() or type(error).__name__
-        if isinstance(error, sqlite3.Error):
-            if any(word in reason for word in _TRANSIENT):
-                return StoreUnavailable(
-                    f"{store} has been locked by another process for more than {self._busy_timeout:g} s; "
-                    "try again, or find out who holds the lock"
-                )
-            return StoreUnavailable(f"{store}: {reason}; what was committed before is intact")
-        self._discard()
-        return StoreUnavailable(f"{store}: {reason}; the next call connects anew")
+    def _name(self) -> str:
+        return self.engine.url.render_as_string(hide_password=True)
 
 
 class _Asking:
     """`Database.asking`, as a class: a generator would cost as much as the statement."""
 
-    __slots__ = ("_database",)
+    __slots__ = ("_database", "_session")
 
     def __init__(self, database: Database) -> None:
         self._database = database
 
     def __enter__(self) -> Session:
-        database = self._database
-        database.guard.__enter__()
-        try:
-            return database.session()
-        except BaseException as error:
-            database.guard.__exit__(type(error), error, error.__traceback__)
-            raise
+        self._session = session = self._database.take()
+        return session
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._database.guard.__exit__(kind, error, trace)
-        if error is not None:
-            with self._database.translating():
-                raise error
+        self._database.give_back(self._session)
 
 
-def make_engine(url: str | os.PathLike[str] | URL, *, busy_timeout: float = 30.0) -> Engine:
-    """An engine for a SQLAlchemy URL, or for the path of an SQLite file."""
+def make_engine(url: str | os.PathLike[str] | URL, *, busy_timeout: float = BUSY_TIMEOUT) -> Engine:
+    """An engine for a SQLAlchemy URL, or for the path of an SQLite file.
+
+    It pools nothing: a `Database` keeps a connection for each thread, however many there are.
+    """
     if isinstance(url, URL):
         parsed = url
     else:
@@ -406,11 +336,12 @@ def make_engine(url: str | os.PathLike[str] | URL, *, busy_timeout: float = 30.0
         parsed = parsed.set(drivername="postgresql+psycopg")
     try:
         if parsed.get_backend_name() != "sqlite":
-            return create_engine(parsed)
+            # a host that does not answer would be waited for as long as its network stack likes
+            patience = {} if "connect_timeout" in parsed.query else {"connect_timeout": max(2, int(busy_timeout))}
+            return create_engine(parsed, connect_args=patience, poolclass=NullPool)
         arguments = {"timeout": busy_timeout, "check_same_thread": False}
-        if parsed.database in (None, "", ":memory:"):
-            return create_engine(parsed, connect_args=arguments, poolclass=StaticPool)
-        return create_engine(parsed, connect_args=arguments)
+        in_memory = parsed.database in (None, "", ":memory:") or parsed.query.get("mode") == "memory"
+        return create_engine(parsed, connect_args=arguments, poolclass=StaticPool if in_memory else NullPool)
     except NoSuchModuleError as error:
         raise StoreUnavailable(f"{parsed.drivername} is not a kind of database that is installed: {error}") from None
     except ModuleNotFoundError as error:

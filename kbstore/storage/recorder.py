@@ -5,9 +5,9 @@ from typing import Any
 
 from kbstore.draft import Track, Writes
 from kbstore.storage import queries
-from kbstore.storage.engine import Session
 from kbstore.storage.interval_tree import node
 from kbstore.storage.repository import Head
+from kbstore.storage.session import Session
 from kbstore.timelines import Timeline, Value, stored_key
 
 

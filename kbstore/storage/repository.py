@@ -6,8 +6,8 @@ from typing import Any, NamedTuple
 
 from kbstore.messages import KnowledgeType
 from kbstore.storage import queries
-from kbstore.storage.engine import Row, Session
 from kbstore.storage.interval_tree import path
+from kbstore.storage.session import Row, Session
 from kbstore.timelines import Identity, Role, Timeline, Value, stored_key
 
 Standing = tuple[Timeline, int, Value]

@@ -15,8 +15,9 @@ from sqlalchemy.engine import URL
 from kbstore.clock import OPEN
 from kbstore.errors import InvalidKnowledge, StoreUnavailable
 from kbstore.storage import queries, schema
-from kbstore.storage.engine import Database, Session
+from kbstore.storage.engine import Database
 from kbstore.storage.interval_tree import node
+from kbstore.storage.session import Session
 from kbstore.storage.transfer_queries import ARCHIVE, HEAD, TableQueries, application_id, by_table, put_head
 
 Store = str | os.PathLike[str] | URL | Engine

@@ -9,7 +9,7 @@ from typing import Final, NamedTuple
 from sqlalchemy import Boolean, Double, Integer, Table
 
 from kbstore.storage import tables
-from kbstore.storage.engine import Statement
+from kbstore.storage.statements import Statement
 
 _LOCAL: Final = ("kb_id", "node", "pending_node")
 """Columns that do not travel."""

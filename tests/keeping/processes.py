@@ -5,7 +5,7 @@ import os
 import signal
 
 import kbstore
-from kbstore.storage.engine import Session
+from kbstore.storage.session import Session
 
 _context = multiprocessing.get_context("forkserver")
 _context.set_forkserver_preload(["tests.keeping.processes", "psycopg"])
