@@ -8,7 +8,7 @@ from sqlalchemy.engine import URL
 from kbstore.clock import Clock, duration
 from kbstore.knowledge_base import KnowledgeBase
 from kbstore.storage import queries, schema
-from kbstore.storage.engine import Database
+from kbstore.storage.engine import BUSY_TIMEOUT, Database
 from kbstore.transaction import TOLERANCE
 
 
@@ -23,6 +23,7 @@ def open(
     read_only: bool = False,
     cache: bool = True,
     tolerance: object = TOLERANCE,
+    busy_timeout: float = BUSY_TIMEOUT,
 ) -> KnowledgeBase:
     """Open a knowledge base, and create it if there is none of that name.
 
@@ -37,13 +38,14 @@ def open(
         read_only: whether writing is refused.
         cache: whether answers about now are remembered until something changes (SQLite only).
         tolerance: how far the clock may be behind the latest recorded time (a duration; rule T3).
+        busy_timeout: seconds to wait for a lock that others hold, before it is `StoreUnavailable`.
 
     Raises:
         SchemaOutOfDate, SchemaTooNew, SchemaUnknown: the database's schema is not this kbstore's.
         StoreUnavailable: the database cannot be reached.
         InvalidKnowledge: it was created with another `use_unknowns`.
     """
-    database = Database(url, durability=durability, read_only=read_only)
+    database = Database(url, durability=durability, read_only=read_only, busy_timeout=busy_timeout)
     try:
         with database.translating():
             schema.ensure(database.engine, read_only=read_only)
