@@ -95,8 +95,9 @@ class Reader:
         self._number = 0
         self._seal = 0
         self._left: dict[str, int] = {}
-        self._domain_versions = 0
+        self._head: dict[str, int] = {}
         self._versions = 0
+        self._time = 0
         # what rows refer to: 17 bytes a timeline, 8 a transaction
         self._timelines = array("q")
         self._kinds = array("b")
@@ -124,7 +125,7 @@ class Reader:
         ):
             self._refuse("is not a header as kbstore writes it")
         self._left = rows
-        self._domain_versions = line["domain_version"]
+        self._head = {name: line[name] for name in HEAD}
         return line
 
     def records(self, table: str) -> Iterator[Record]:
@@ -143,8 +144,8 @@ class Reader:
         """The last line, and nothing after it."""
         if self._line("the last line").get("end") != sum(self._left.values()):
             self._refuse("is not the last line, where that was expected")
-        if self._versions != self._domain_versions:
-            self._refuse(f"ends a file with {self._versions} versions of the domain, not {self._domain_versions}")
+        if self._versions != self._head["domain_version"]:
+            self._refuse(f"ends a file with {self._versions} versions of the domain, which the first line contradicts")
         self._number += 1
         if self._stream.read(1):
             self._refuse("comes after the last one")
@@ -200,6 +201,14 @@ class Reader:
                     self._refuse("has a spelling that is not that of its key")
             case "transactions":
                 self._follows(self._transactions, record["number"])
+                if not self._time <= record["recorded_time"] <= self._head["last_time"]:
+                    self._refuse("has a time before that of the transaction before, or after the last one")
+                self._time = record["recorded_time"]
+                if record["number"] > self._head["last_number"]:
+                    self._refuse("is a transaction after the last one that the first line names")
+            case "runs":
+                if record["number"] > self._head["last_run"]:
+                    self._refuse("is a run after the last one that the first line names")
             case "domains":
                 self._versions += 1
                 if record["version"] != self._versions or not _is_list(record["sensed"]):

@@ -13,6 +13,7 @@ from kbstore import (
     InvalidKnowledge,
     InvalidTime,
     ManualClock,
+    NotApplicable,
     StoreUnavailable,
     Truth,
     seconds,
@@ -162,6 +163,23 @@ def test_why_something_is_absent_may_be_archived(archived):
         archived.explain("(open hall)", at=at(36))
     assert archived.explain("(open wp1)", at=at(36)).reason == "never told"
     assert archived.explain("(open hall)", at=at(40)).transaction.number == 6
+
+
+def test_an_operator_whose_condition_failed_before(open_kb, clock, archive_path):
+    """O1, Q7: what fails is named, also where since when it fails has been archived; nothing is started."""
+    kb = open_kb()
+    kb.load(lives.DOMAIN.replace("(at start (not (busy ?r)))", "(at start (lit))"))
+    kb.add("a - place", "r - robot", "(lit)", "(= (cost) 0)", "(= (battery r) 50)")
+    clock.set(at(10))
+    kb.remove("(lit)")
+    clock.set(at(20))
+    kb.add("(open a)")
+    for since in (at(10), None):
+        applicability = kb.applicable("work", "r", "a")
+        assert [(failing.condition, failing.since) for failing in applicability.failing] == [("(lit)", since)]
+        with pytest.raises(NotApplicable, match=r"\(lit\) is false"):
+            kb.start("work", "r", "a", duration=seconds(1))
+        kb.archive(at(20), archive_path)
 
 
 def test_changes_go_on_after_the_archive(archived):
@@ -400,7 +418,7 @@ def test_one_who_may_not_write_may_not_archive(kb, store_url, archive_path):
 
 def test_a_damaged_archive_stops_it(kb, archive_path, monkeypatch):
     """Nothing is deleted before the archive has been read again: as many rows as there should be, in a sound file."""
-    from kbstore import archive_file
+    from kbstore.keeping import archive_file
 
     taking = archive_file.ArchiveFile.take
 

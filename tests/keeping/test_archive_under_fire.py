@@ -11,7 +11,7 @@ import pytest
 
 import kbstore
 from kbstore import HistoryUnavailable, ManualClock, seconds
-from kbstore import archiving as moving
+from kbstore.keeping import archiving as moving
 from kbstore.storage import transfer
 from tests.keeping import processes
 from tests.keeping.lives import START, answers, live, picture

@@ -5,6 +5,7 @@ import io
 import json
 import random
 import tracemalloc
+from pathlib import Path
 from zlib import crc32
 
 import pytest
@@ -12,7 +13,9 @@ import pytest
 import kbstore
 from kbstore import InvalidKnowledge, ManualClock, SchemaTooNew, StoreUnavailable, seconds
 from kbstore.storage import transfer
+from kbstore.storage.json_lines import VERSION
 from tests.keeping.lives import START, answers, live
+from tests.migration import story
 
 
 @pytest.fixture(scope="module")
@@ -112,6 +115,16 @@ def test_lines_can_be_read_by_anybody(lived):
     robots = [row for row in rows if row["table"] == "instances" and row["instance_type"] == "robot"]
     assert {row["initial_time"] for row in robots} >= {START}
     assert any("end_time" not in row for row in rows if row["table"] == "facts")
+
+
+def test_every_version_of_the_format_is_read(tmp_path):
+    """A file that was written under each version of the format gives back the story that it tells."""
+    stored = Path(__file__).parent / "stored"
+    assert [path.name for path in stored.iterdir()] == [f"{version}.jsonl" for version in range(1, VERSION + 1)]
+    for path in stored.iterdir():
+        kbstore.import_knowledge_base(tmp_path / "store.db", path)
+        with kbstore.open(tmp_path / "store.db", story.NAME, clock=ManualClock(seconds(200))) as kb:
+            story.told(kb)
 
 
 def test_the_file_may_be_compressed_or_a_pipe(sqlite_url, lived, tmp_path):
@@ -228,9 +241,13 @@ def changed(lived, table, values):
         ("timelines", {"id": 1}),
         ("timelines", {"spelling": "something else"}),
         ("transactions", {"number": 1}),
+        ("transactions", {"number": 10**6}),
+        ("transactions", {"recorded_time": 5}),
+        ("transactions", {"recorded_time": 2**61}),
         ("domains", {"version": 9}),
         ("domains", {"sensed": "["}),
         ("runs", {"outcome": "vanished"}),
+        ("runs", {"number": 10**6}),
     ],
 )
 def test_a_hostile_hand(lived, table, values):
