@@ -20,7 +20,7 @@ import kbstore
 from kbstore import ManualClock, NotApplicable, seconds
 from kbstore.interop.unified_planning import Happening, Step, execute, steps
 from kbstore.knowledge_base import KnowledgeBase
-from kbstore.state import State
+from kbstore.reading.state import State
 
 DOMAIN = """\
 ; Metres, seconds, percent.

@@ -3,7 +3,6 @@
 See `kbstore.open` for where to begin.
 """
 
-from kbstore.archiving import Archived
 from kbstore.clock import Clock, ManualClock, SystemClock, seconds, time
 from kbstore.domain import Domain
 from kbstore.errors import (
@@ -25,7 +24,8 @@ from kbstore.errors import (
     UndefinedFunction,
     UnknownSymbol,
 )
-from kbstore.interchange import export_knowledge_base, import_knowledge_base
+from kbstore.keeping.archiving import Archived
+from kbstore.keeping.interchange import export_knowledge_base, import_knowledge_base
 from kbstore.knowledge_base import KnowledgeBase
 from kbstore.messages import (
     AssignOp,
@@ -52,11 +52,11 @@ from kbstore.messages import (
     UpdateType,
 )
 from kbstore.opening import knowledge_bases, open
-from kbstore.questions import item
+from kbstore.reading.questions import item
+from kbstore.reading.state import State
 from kbstore.record import Applicability, Assertion, Change, Diff, Ended, Explanation, QueryResult, Run, Transaction
-from kbstore.state import State
 from kbstore.storage.backup import backup
-from kbstore.transaction import OpenTransaction
+from kbstore.writing.transaction import OpenTransaction
 
 __all__ = [
     "Applicability",

@@ -7,16 +7,13 @@ from contextlib import contextmanager
 from types import TracebackType
 from typing import Any, Self
 
-from kbstore import archiving, conditions
-from kbstore.archiving import Archived
 from kbstore.clock import Clock, ManualClock, SystemClock, isoformat, time
-from kbstore.course import when_true
-from kbstore.difference import difference
 from kbstore.domain import Domain
 from kbstore.errors import Conflict, InvalidKnowledge, InvalidTime, StoreUnavailable, UnknownSymbol
-from kbstore.explanation import Explainer
-from kbstore.history import History
-from kbstore.intervals import Intervals
+from kbstore.evaluation import conditions
+from kbstore.evaluation.intervals import Intervals
+from kbstore.keeping import archiving
+from kbstore.keeping.archiving import Archived
 from kbstore.messages import (
     Expression,
     Fact,
@@ -27,20 +24,24 @@ from kbstore.messages import (
     Truth,
     UpdateType,
 )
-from kbstore.missions import applicability
 from kbstore.names import key
 from kbstore.pddl.writer import write_domain
-from kbstore.points import Points
-from kbstore.questions import Question, as_condition, as_expression
-from kbstore.reading import Reader
+from kbstore.reading.course import when_true
+from kbstore.reading.difference import difference
+from kbstore.reading.explanation import Explainer
+from kbstore.reading.history import History
+from kbstore.reading.points import Points
+from kbstore.reading.questions import Question, as_condition, as_expression
+from kbstore.reading.reader import Reader
+from kbstore.reading.state import State, value_in
+from kbstore.reading.watching import Watch
 from kbstore.record import Applicability, Assertion, Change, Diff, Ended, Explanation, QueryResult, Run, Transaction
-from kbstore.state import State, value_in
 from kbstore.storage import queries
 from kbstore.storage.engine import Database
 from kbstore.storage.repository import Moment
 from kbstore.storage.transfer import Progress, is_archive
-from kbstore.transaction import TOLERANCE, OpenTransaction
-from kbstore.watching import Watch
+from kbstore.writing.missions import applicability
+from kbstore.writing.transaction import TOLERANCE, OpenTransaction
 
 
 class KnowledgeBase:

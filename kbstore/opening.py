@@ -9,7 +9,7 @@ from kbstore.clock import Clock, duration
 from kbstore.knowledge_base import KnowledgeBase
 from kbstore.storage import queries, schema
 from kbstore.storage.engine import BUSY_TIMEOUT, Database
-from kbstore.transaction import TOLERANCE
+from kbstore.writing.transaction import TOLERANCE
 
 
 def open(

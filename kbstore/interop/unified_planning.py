@@ -34,7 +34,7 @@ from kbstore.pddl.forms import condition_of, from_composite, parse_condition
 from kbstore.pddl.text import condition_text
 
 if TYPE_CHECKING:
-    from kbstore.state import State
+    from kbstore.reading.state import State
 
 __all__ = ["Happening", "MissingLibrary", "Step", "execute", "steps", "to_problem"]
 

@@ -5,8 +5,8 @@ from fractions import Fraction
 from itertools import product
 from typing import Any
 
-from kbstore import expressions
 from kbstore.errors import InvalidKnowledge
+from kbstore.evaluation import expressions
 from kbstore.interop.up_symbols import Symbols, library
 from kbstore.logic import (
     And,

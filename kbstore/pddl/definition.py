@@ -48,9 +48,11 @@ def read_definition(context: Context, kind: str, known: Collection[str], repeate
     if not isinstance(whole, Group) or whole.word(0) != "define":
         raise context.error(f"a {kind} begins with (define ({kind} name) ...), not with this", top, forms[0])
     if len(forms) > 1:
-        raise context.error(
-            "this stands outside of the definition, which ended before: there is a ')' too many before", top, forms[1]
-        )
+        second = top[forms[1]]
+        problem = "this stands outside of the definition, which ended before: there is a ')' too many before"
+        if isinstance(second, Group) and second.word(0) == "define":
+            problem = "this is a second definition; give domain and problem as two files or texts"
+        raise context.error(problem, top, forms[1])
     header = whole[1] if len(whole) > 1 else None
     if not isinstance(header, Group) or len(header) != 2 or not isinstance(header[1], str):
         raise context.error(f"(define ...) is followed by ({kind} name)", whole, 1)

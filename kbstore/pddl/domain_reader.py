@@ -7,6 +7,7 @@ from dataclasses import replace
 from kbstore.actions import Action
 from kbstore.domain import ROOT_TYPE, DerivedRule, Domain, Signature
 from kbstore.errors import InvalidKnowledge
+from kbstore.evaluation.rules import strata
 from kbstore.logic import Parameter
 from kbstore.names import key
 from kbstore.pddl.action_reader import ActionReader
@@ -16,7 +17,6 @@ from kbstore.pddl.context import NO_VARIABLES, Context, fail_at_once
 from kbstore.pddl.definition import Definition, check_name, read_definition
 from kbstore.pddl.sexpr import Group, Source, node_text
 from kbstore.pddl.typed_lists import Typed, bound, read_parameters, read_typed_list
-from kbstore.rules import strata
 
 _SECTIONS = (
     ":requirements",

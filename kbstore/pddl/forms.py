@@ -4,6 +4,7 @@ from kbstore import composites
 from kbstore.composites import composite_of, from_composite
 from kbstore.domain import Domain, Signature
 from kbstore.errors import InvalidKnowledge
+from kbstore.evaluation.rules import walk
 from kbstore.logic import Atom, Comparison, Condition, Defined, Expression, IsA, Not
 from kbstore.messages import ComparisonType, ExprComposite, Fact, Function, Goal, Inequality, Instance, KnowledgeItem
 from kbstore.messages import Condition as ConditionMessage
@@ -14,7 +15,6 @@ from kbstore.pddl.expressions import read_expression
 from kbstore.pddl.item_reader import ItemReader, fact_of
 from kbstore.pddl.sexpr import Group, Source, node_text
 from kbstore.pddl.text import condition_text
-from kbstore.rules import walk
 
 __all__ = [
     "condition_of",

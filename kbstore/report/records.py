@@ -6,7 +6,7 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 from rich.tree import Tree
 
-from kbstore.intervals import Intervals
+from kbstore.evaluation.intervals import Intervals
 from kbstore.messages import Condition, KnowledgeItem, format_number
 from kbstore.record import Applicability, Assertion, Change, Diff, Explanation, Transaction
 from kbstore.report.moments import Moments, span

@@ -8,10 +8,10 @@ from rich.text import Text
 
 from kbstore.messages import Condition, Fact, KnowledgeItem, Truth, format_number
 from kbstore.names import key
+from kbstore.reading.state import State
 from kbstore.record import Run
 from kbstore.report.moments import Moments, span
 from kbstore.report.tables import DIM, FALSE, NUMBER, SCHEDULED, sections, table
-from kbstore.state import State
 
 
 def state_view(state: State, moments: Moments) -> RenderableType:

@@ -9,8 +9,9 @@ from functools import singledispatch
 from typing import Any
 
 from kbstore.clock import isoformat
-from kbstore.intervals import Intervals
+from kbstore.evaluation.intervals import Intervals
 from kbstore.messages import Condition, Expression, Fact, Function, Inequality, Instance
+from kbstore.reading.state import State
 from kbstore.record import (
     Applicability,
     Assertion,
@@ -21,7 +22,6 @@ from kbstore.record import (
     Run,
     Transaction,
 )
-from kbstore.state import State
 
 Value = dict[str, Any]
 

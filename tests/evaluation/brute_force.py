@@ -10,7 +10,7 @@ from itertools import product
 from typing import Any
 
 from kbstore.domain import Domain
-from kbstore.interpretation import Number
+from kbstore.evaluation.interpretation import Number
 from kbstore.logic import (
     And,
     Atom,

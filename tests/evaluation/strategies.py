@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from kbstore.clock import SECOND
 from kbstore.domain import DerivedRule, Domain
-from kbstore.interpretation import Number
+from kbstore.evaluation.interpretation import Number
 from kbstore.logic import (
     And,
     Atom,

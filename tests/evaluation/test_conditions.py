@@ -4,9 +4,9 @@ import pytest
 from hypothesis import given, settings
 
 from kbstore.clock import SECOND
-from kbstore.conditions import Evaluation, check, truth
 from kbstore.errors import InvalidKnowledge, UnknownSymbol
-from kbstore.interpretation import Number
+from kbstore.evaluation.conditions import Evaluation, check, truth
+from kbstore.evaluation.interpretation import Number
 from kbstore.logic import (
     And,
     Atom,

@@ -1,8 +1,8 @@
 import pytest
 from hypothesis import given, settings
 
-from kbstore.conditions import deciding, truth
 from kbstore.errors import UnknownSymbol
+from kbstore.evaluation.conditions import deciding, truth
 from kbstore.logic import And, Atom, Comparison, Condition, Defined, Imply, IsA, Not, Or, Preference, Same, Truism
 from kbstore.messages import ComparisonType, Truth
 from tests.evaluation import brute_force

@@ -4,11 +4,11 @@ from itertools import product
 import pytest
 from hypothesis import given, settings
 
-from kbstore import when
-from kbstore.conditions import Evaluation, truth
-from kbstore.derived import strata
 from kbstore.domain import DerivedRule, Domain
 from kbstore.errors import InvalidKnowledge, UnknownSymbol
+from kbstore.evaluation import when
+from kbstore.evaluation.conditions import Evaluation, truth
+from kbstore.evaluation.derived import strata
 from kbstore.logic import (
     And,
     Atom,

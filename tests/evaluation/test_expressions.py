@@ -6,8 +6,8 @@ from hypothesis import strategies as st
 
 from kbstore.clock import SECOND
 from kbstore.errors import DivisionByZero, InvalidKnowledge, UndefinedFunction
-from kbstore.expressions import evaluate
-from kbstore.interpretation import Number
+from kbstore.evaluation.expressions import evaluate
+from kbstore.evaluation.interpretation import Number
 from kbstore.logic import Atom, Expression
 from kbstore.messages import Operator, SpecialType
 from tests.evaluation.worlds import World

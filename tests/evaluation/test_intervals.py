@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from kbstore.intervals import Intervals, merged
+from kbstore.evaluation.intervals import Intervals, merged
 
 
 def test_intervals_are_a_list_of_pairs() -> None:

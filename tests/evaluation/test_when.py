@@ -6,12 +6,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from kbstore import when
 from kbstore.clock import SECOND
-from kbstore.conditions import truth
 from kbstore.errors import InvalidKnowledge, NotLinear, UnknownSymbol
-from kbstore.interpretation import Arguments, Number
-from kbstore.intervals import Intervals
+from kbstore.evaluation import when
+from kbstore.evaluation.conditions import truth
+from kbstore.evaluation.interpretation import Arguments, Number
+from kbstore.evaluation.intervals import Intervals
 from kbstore.logic import And, Atom, Comparison, Condition, Defined, Expression, Imply, IsA, Not, Or, Same, Truism
 from kbstore.messages import ComparisonType, Operator, SpecialType, Truth
 from tests.evaluation import brute_force

@@ -19,7 +19,7 @@ above all types.
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 
 from kbstore.domain import Domain, Signature
-from kbstore.interpretation import Arguments, Number, Span
+from kbstore.evaluation.interpretation import Arguments, Number, Span
 from kbstore.logic import Parameter
 
 

@@ -19,7 +19,7 @@ import kairos
 from kbstore.clock import SECOND
 from kbstore.interop.plans import Happening, Step
 from kbstore.messages.base import format_number
-from kbstore.state import State
+from kbstore.reading.state import State
 
 _WORD = re.compile(r"[^\s()]+")
 

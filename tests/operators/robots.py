@@ -2,9 +2,9 @@
 
 from kbstore.actions import Action, DurationConstraint
 from kbstore.domain import Domain
-from kbstore.grounding import GroundAction, ground
 from kbstore.logic import Atom, Change, Condition, Effect, Expression, Moment, Parameter
 from kbstore.messages import AssignOp, ComparisonType, SpecialType
+from kbstore.planning.grounding import GroundAction, ground
 from tests.evaluation.worlds import World, signatures
 
 START, OVER_ALL, END = Moment.AT_START, Moment.OVER_ALL, Moment.AT_END

@@ -5,7 +5,7 @@ import pytest
 from kbstore.errors import InvalidKnowledge
 from kbstore.logic import Add, And, Comparison, Defined, Delete, Exists, ForEach, Not, Or, Same, When
 from kbstore.messages import AssignOp, ComparisonType, Operator
-from kbstore.operators import applicability, failing
+from kbstore.planning.operators import applicability, failing
 from tests.operators.robots import (
     DURATION,
     END,

@@ -5,7 +5,7 @@ import pytest
 from kbstore.actions import Action, DurationConstraint
 from kbstore.errors import DivisionByZero, InvalidKnowledge, UndefinedFunction
 from kbstore.messages import ComparisonType, Operator
-from kbstore.operators import check_duration, fixed_duration
+from kbstore.planning.operators import check_duration, fixed_duration
 from tests.operators.robots import DURATION, END, action, grounded, tokens, world
 
 SECOND = 1_000_000_000

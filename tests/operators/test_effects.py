@@ -2,11 +2,11 @@
 
 import pytest
 
-from kbstore.effects import After, Effects, NumericChange, Rate, evaluate, resulting
 from kbstore.errors import DivisionByZero, InvalidKnowledge, UndefinedFunction
-from kbstore.interpretation import Number
+from kbstore.evaluation.interpretation import Number
 from kbstore.logic import Add, Comparison, Delete, Effect, Exists, ForEach, Not, When
 from kbstore.messages import AssignOp, ComparisonType, Operator
+from kbstore.planning.effects import After, Effects, NumericChange, Rate, evaluate, resulting
 from tests.evaluation.worlds import World
 from tests.operators.robots import (
     DURATION,

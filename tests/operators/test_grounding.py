@@ -19,7 +19,7 @@ from kbstore.logic import (
     Truism,
 )
 from kbstore.messages import ComparisonType
-from kbstore.operators import ground
+from kbstore.planning.operators import ground
 from tests.operators.robots import OVER_ALL, START, action, atom, grounded, parameters, robots, tokens, world
 
 

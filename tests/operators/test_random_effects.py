@@ -6,7 +6,6 @@ from itertools import product
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from kbstore.effects import After, evaluate
 from kbstore.errors import KbStoreError
 from kbstore.logic import (
     Add,
@@ -26,6 +25,7 @@ from kbstore.logic import (
     When,
 )
 from kbstore.messages import AssignOp, ComparisonType, Operator
+from kbstore.planning.effects import After, evaluate
 from tests.evaluation.worlds import World
 from tests.operators.robots import START, action, atom, grounded
 

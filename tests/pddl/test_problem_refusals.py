@@ -45,7 +45,7 @@ SYNTAX = {
     "extra bracket": ("(define (problem p) (:domain rooms) (:goal ())\n)\n «)", "closes nothing"),
     "two problems": (
         "(define (problem p) (:domain rooms) (:goal ()))\n«(define (problem q) (:domain rooms) (:goal ()))",
-        "outside",
+        "second definition",
     ),
     "object of several types": (FRAME.replace("- kitchen)", "- «(either kitchen robot))") + "(:goal ()))", "one type"),
     "type without objects": ("(define (problem p) (:domain rooms) (:objects «- room) (:goal ()))", "none"),

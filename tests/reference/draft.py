@@ -71,7 +71,10 @@ class Draft:
             until_now = [
                 told.item
                 for told in self.world.told
-                if told.timeline == line and told.start < self.now and told.end in (None, self.now)
+                if told.timeline == line
+                and told.start < self.now
+                and told.end in (None, self.now)
+                and not told.cancelled_by
             ]
             course = [(self.now, item) for item in until_now if isinstance(item, Object)] + course
         return any(

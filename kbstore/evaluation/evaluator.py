@@ -1,0 +1,231 @@
+"""The evaluation of conditions at one moment, in three-valued logic (rules V2 to V5, V7 to V9)."""
+
+from collections.abc import Collection, Iterator, Mapping
+from itertools import product
+from math import prod
+
+from kbstore.domain import Signature
+from kbstore.evaluation import comparisons
+from kbstore.evaluation.derived import Derived
+from kbstore.evaluation.interpretation import Arguments, Interpretation
+from kbstore.evaluation.joins import Guard, Relation, Types, assignments, guards, variables_of
+from kbstore.evaluation.substitution import Bindings, Pattern, keyed, pattern, term
+from kbstore.evaluation.wellformed import check
+from kbstore.logic import (
+    And,
+    Atom,
+    Comparison,
+    Condition,
+    Defined,
+    Exists,
+    Forall,
+    Imply,
+    IsA,
+    Not,
+    Or,
+    Preference,
+    Same,
+    Truism,
+)
+from kbstore.messages.enums import Truth
+from kbstore.names import key
+
+
+class Evaluation:
+    """Evaluates conditions in one world, remembering what it has read and derived.
+
+    The world must not change meanwhile. `duration`, in seconds, is the value of ``?duration``.
+    """
+
+    def __init__(self, world: Interpretation, *, duration: float | None = None) -> None:
+        self.world = world
+        self.duration = duration
+        self._absent = Truth.UNKNOWN if world.use_unknowns else Truth.FALSE
+        self._asserted: dict[str, Relation] = {}
+        self._denied: dict[str, Relation] = {}
+        self._objects: dict[Types, dict[str, None]] = {}
+        domain = world.domain
+        self._derived_names = frozenset(domain.rules) if domain else frozenset[str]()
+        self._derived: Derived | None = None
+
+    def truth(self, condition: Condition, bindings: Mapping[str, str] = {}) -> Truth:
+        """The truth of a condition, with objects for its free variables.
+
+        Raises `UnknownSymbol` and `InvalidKnowledge` as `kbstore.evaluation.wellformed.check` does, and `InvalidKnowledge` for a
+        comparison that would need numbers of absurd size.
+        """
+        check(condition, self.world.domain, bindings, duration=self.duration)
+        return self.evaluate(condition, keyed(bindings))
+
+    def evaluate(self, condition: Condition, bindings: Bindings) -> Truth:
+        """The truth of a condition that has been checked. Symbols that the domain does not know say nothing."""
+        match condition:
+            case Atom():
+                return self._atom(condition, bindings)
+            case Not(part):
+                return ~self.evaluate(part, bindings)
+            case And(parts):
+                return self._first(Truth.FALSE, parts, bindings)
+            case Or(parts):
+                return self._first(Truth.TRUE, parts, bindings)
+            case Comparison():
+                return comparisons.at_moment(condition, self.world, bindings, self.duration)
+            case Exists():
+                return self.instance(condition, bindings)[0]
+            case Forall():
+                return ~self.instance(condition, bindings)[0]
+            case Imply(premise, conclusion):
+                return self._first(Truth.TRUE, (Not(premise), conclusion), bindings)
+            case Same(left, right):
+                return Truth.of(term(left, bindings) == term(right, bindings))
+            case Defined(function):
+                return Truth.of(any(True for _ in self.defined(function, bindings)))
+            case IsA(name, type_name):
+                return self._is_a(term(name, bindings), (key(type_name or "object"),))
+            case Preference(_, part):
+                return self.evaluate(part, bindings)
+            case Truism():
+                return Truth.TRUE
+
+    def instance(self, quantified: Exists | Forall, bindings: Bindings) -> tuple[Truth, Bindings]:
+        """Whether a quantifier has a decisive instance: a witness of `Exists`, a counterexample to `Forall`.
+
+        With TRUE come the bindings of the first one.
+        """
+        variables, part = variables_of(quantified.parameters), quantified.part
+        witness = isinstance(quantified, Exists)
+        decisive = Truth.TRUE if witness else Truth.FALSE
+        atoms = list(guards(part, witness))
+        result = Truth.FALSE
+        certain = [(atom, self._rows(key(atom.name))[0]) for atom in atoms]
+        for found in assignments(variables, certain, bindings, self.objects):
+            truth = self.evaluate(part, found)
+            if truth is decisive:
+                return Truth.TRUE, found
+            if truth is Truth.UNKNOWN:
+                result = Truth.UNKNOWN
+        possible = [guard for atom in atoms for guard in self._possible(atom, bindings)]
+        if result is Truth.UNKNOWN or [rows for _, rows in certain] == [rows for _, rows in possible]:
+            return result, bindings
+        for found in assignments(variables, possible, bindings, self.objects):
+            if self.evaluate(part, found) is Truth.UNKNOWN:
+                return Truth.UNKNOWN, bindings
+        return Truth.FALSE, bindings
+
+    def matches(self, atom: Atom, bindings: Bindings) -> Iterator[Arguments]:
+        """The arguments with which an atom is true."""
+        wanted = pattern(atom, bindings)
+        if key(atom.name) in self._derived_names:
+            return self.derived.relations(key(atom.name))[0].matching(wanted)
+        return (row for row in self._signed(key(atom.name), True).matching(wanted) if self._fits(atom, wanted, row))
+
+    def defined(self, function: Atom, bindings: Bindings) -> Iterator[Arguments]:
+        """The arguments with which a function is defined."""
+        name, wanted = key(function.name), pattern(function, bindings)
+        domain = self.world.domain
+        signature = domain.function_signatures.get(name) if domain else None
+        ranges = [self.objects(types) for types in wild_types(wanted, signature)]
+        for chosen in product(*ranges):
+            filler = iter(chosen)
+            arguments = tuple([next(filler) if value is None else value for value in wanted])
+            if self.world.number(name, arguments) is not None:
+                yield arguments
+
+    def objects(self, types: Types) -> Collection[str]:
+        """The objects that exist and are of one of the types."""
+        found = self._objects.get(types)
+        if found is None:
+            found = self._objects[types] = dict.fromkeys(self.world.objects(types))
+        return found.keys()
+
+    @property
+    def derived(self) -> Derived:
+        """The derived predicates."""
+        if self._derived is None:
+            self._derived = Derived(self.world, self.evaluate, lambda name: self._signed(name, True), self.objects)
+        return self._derived
+
+    def _first(self, decisive: Truth, parts: tuple[Condition, ...], bindings: Bindings) -> Truth:
+        """The truth of a disjunction where TRUE is decisive, of a conjunction where FALSE is."""
+        result = ~decisive
+        for part in parts:
+            truth = self.evaluate(part, bindings)
+            if truth is decisive:
+                return truth
+            if truth is Truth.UNKNOWN:
+                result = truth
+        return result
+
+    def _atom(self, atom: Atom, bindings: Bindings) -> Truth:
+        name, wanted = key(atom.name), pattern(atom, bindings)
+        if name in self._derived_names:
+            return self.derived.truth(name, wanted)
+        if None not in wanted:
+            sign = self.world.sign(name, wanted)  # type: ignore[arg-type]
+            return Truth.TRUE if sign else self._absent if sign is None else Truth.FALSE
+        if any(True for _ in self.matches(atom, bindings)):
+            return Truth.TRUE
+        if not self.world.use_unknowns:
+            return Truth.FALSE
+        return Truth.FALSE if self._all_denied(atom, wanted) else Truth.UNKNOWN
+
+    def _all_denied(self, atom: Atom, wanted: Pattern) -> bool:
+        """Whether a pattern is explicitly false of all objects that it matches.
+
+        Without a domain nobody knows all objects, so that it never is.
+        """
+        if self.world.domain is None:
+            return False
+        signature = self.world.domain.predicate_signatures.get(key(atom.name))
+        combinations = prod(len(self.objects(types)) for types in wild_types(wanted, signature))
+        denied = self._signed(key(atom.name), False).matching(wanted)
+        return combinations == sum(self._fits(atom, wanted, row) for row in denied)
+
+    def _fits(self, atom: Atom, wanted: Pattern, row: Arguments) -> bool:
+        """Whether the objects of a row exist and are of the parameters' types, where the pattern has wildcards."""
+        domain = self.world.domain
+        if domain is None:
+            return True
+        wild = [name for name, value in zip(row, wanted, strict=True) if value is None]
+        types_of_wild = wild_types(wanted, domain.predicate_signatures.get(key(atom.name)))
+        return all(self._is_a(name, types) is Truth.TRUE for name, types in zip(wild, types_of_wild, strict=True))
+
+    def _is_a(self, name: str | None, types: Types) -> Truth:
+        """Whether an object, or some object, exists and is of one of the types."""
+        if name is None:
+            return Truth.of(bool(self.objects(types)))
+        if self.world.domain is None and types != ("object",):
+            return Truth.of(name in self.objects(types))
+        type_name = self.world.type_of(name)
+        return Truth.of(
+            type_name is not None and (self.world.domain is None or self.world.domain.is_subtype(type_name, types))
+        )
+
+    def _signed(self, name: str, sign: bool) -> Relation:
+        """The rows that are asserted of a predicate, or explicitly denied."""
+        known = self._asserted if sign else self._denied
+        if name not in known:
+            known[name] = Relation(row for row, its_sign in self.world.facts(name) if its_sign is sign)
+        return known[name]
+
+    def _rows(self, name: str) -> tuple[Relation, Relation | None]:
+        """The rows of which a predicate is true, and those outside of which it is false, if these can be listed."""
+        if name in self._derived_names:
+            return self.derived.relations(name)
+        asserted = self._signed(name, True)
+        return asserted, None if self.world.use_unknowns else asserted
+
+    def _possible(self, atom: Atom, bindings: Bindings) -> Iterator[Guard]:
+        rows = self._rows(key(atom.name))[1]
+        if rows is None:
+            return
+        # in an open world a derived predicate is unknown of what does not exist, and has no row for it
+        if not self.world.use_unknowns or self.derived.exist(pattern(atom, bindings)):
+            yield atom, rows
+
+
+def wild_types(wanted: Pattern, signature: Signature | None) -> list[Types]:
+    """The types of the parameters where a pattern has wildcards; anything where nothing is declared."""
+    declared = [tuple(map(key, p.types)) for p in signature.parameters] if signature else []
+    declared += [("object",)] * (len(wanted) - len(declared))
+    return [types for types, value in zip(declared, wanted, strict=False) if value is None]

@@ -1,0 +1,50 @@
+"""Lists of half-open intervals of time, and what follows from them."""
+
+from collections.abc import Iterable
+
+from kbstore.evaluation.interpretation import Span
+
+
+class Intervals(list[Span]):
+    """The maximal intervals in which something is true: in order, apart from each other, in nanoseconds.
+
+    Compares equal to a plain list of the same pairs.
+    """
+
+    @property
+    def ever(self) -> bool:
+        """Whether it is true at any time."""
+        return bool(self)
+
+    @property
+    def first(self) -> int | None:
+        """The first time at which it is true; None if there is none."""
+        return self[0][0] if self else None
+
+    @property
+    def last(self) -> int | None:
+        """The last nanosecond at which it is true; None if there is none."""
+        return self[-1][1] - 1 if self else None
+
+    @property
+    def total(self) -> int:
+        """How long it is true altogether, in nanoseconds."""
+        return sum(end - start for start, end in self)
+
+    def always(self, span: Span) -> bool:
+        """Whether it is true throughout a span; an empty span lies within anything."""
+        start, end = span
+        return start >= end or any(a <= start and end <= b for a, b in self)
+
+
+def merged(intervals: Iterable[Span]) -> Intervals:
+    """The union of intervals in any order; those that meet or overlap become one, and empty ones vanish."""
+    result = Intervals()
+    for start, end in sorted(intervals):
+        if start >= end:
+            continue
+        if result and start <= result[-1][1]:
+            result[-1] = (result[-1][0], max(end, result[-1][1]))
+        else:
+            result.append((start, end))
+    return result

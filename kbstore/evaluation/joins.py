@@ -1,0 +1,190 @@
+"""Which objects are worth trying for the variables of a quantifier or a rule: joins over what is known to stand.
+
+A quantified formula is evaluated by trying objects for its variables. Trying all of them takes too long where there
+are many; but an atom that must not be false for the formula to matter (a *guard*) narrows them down to its rows.
+"""
+
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+
+from kbstore.evaluation.interpretation import Arguments
+from kbstore.evaluation.substitution import Bindings, Pattern, pattern
+from kbstore.logic import And, Atom, Condition, Exists, Forall, Imply, Not, Or, Parameter, Preference
+from kbstore.names import is_wildcard, key
+
+Types = tuple[str, ...]
+Variables = Mapping[str, Types]
+"""The types of variables, by the variables' keys."""
+
+
+class Relation:
+    """A growing set of rows of arguments, in order of arrival, found by the values at any of their positions."""
+
+    def __init__(self, rows: Iterable[Arguments] = ()) -> None:
+        self._rows = dict.fromkeys(rows)
+        self._indexes: dict[tuple[int, ...], dict[Arguments, list[Arguments]]] = {}
+
+    def __contains__(self, row: Arguments) -> bool:
+        return row in self._rows
+
+    def __iter__(self) -> Iterator[Arguments]:
+        return iter(self._rows)
+
+    def __len__(self) -> int:
+        return len(self._rows)
+
+    def add(self, row: Arguments) -> None:
+        """Add a row, which must be new."""
+        self._rows[row] = None
+        for positions, index in self._indexes.items():
+            if positions[-1] < len(row):
+                index.setdefault(tuple([row[i] for i in positions]), []).append(row)
+
+    def matching(self, wanted: Pattern) -> Iterator[Arguments]:
+        """The rows that have the values of the pattern, where it has any."""
+        positions = tuple([i for i, value in enumerate(wanted) if value is not None])
+        if len(positions) == len(wanted):
+            found: Iterable[Arguments] = [wanted] if wanted in self._rows else ()  # type: ignore[list-item]
+        elif positions:
+            found = self._index(positions).get(tuple([wanted[i] for i in positions]), ())  # type: ignore[misc]
+        else:
+            found = self._rows
+        return (row for row in found if len(row) == len(wanted))
+
+    def _index(self, positions: tuple[int, ...]) -> dict[Arguments, list[Arguments]]:
+        index = self._indexes.get(positions)
+        if index is None:
+            index = self._indexes[positions] = {}
+            for row in self._rows:
+                if positions[-1] < len(row):
+                    index.setdefault(tuple([row[i] for i in positions]), []).append(row)
+        return index
+
+
+Guard = tuple[Atom, Relation]
+"""An atom, and the rows outside of which it is false."""
+
+
+def variables_of(parameters: Sequence[Parameter]) -> dict[str, Types]:
+    """The variables that parameters declare."""
+    return {key(p.name): tuple([key(type_name) for type_name in p.types]) for p in parameters}
+
+
+def guards(condition: Condition, positive: bool = True) -> Iterator[Atom]:
+    """Atoms that are not false wherever the condition is not false (or, if not `positive`, not true).
+
+    Variables that the condition itself quantifies are replaced by wildcards.
+    """
+    match condition:
+        case Atom() if positive:
+            yield condition
+        case Not(part):
+            yield from guards(part, not positive)
+        case And(parts) if positive:
+            for part in parts:
+                yield from guards(part, positive)
+        case Or(parts) if not positive:
+            for part in parts:
+                yield from guards(part, positive)
+        case Imply(premise, conclusion) if not positive:
+            yield from guards(premise, True)
+            yield from guards(conclusion, False)
+        case Preference(_, part):
+            yield from guards(part, positive)
+        case Exists(parameters, part) | Forall(parameters, part) if isinstance(condition, Exists) is positive:
+            own = {key(p.name) for p in parameters}
+            for atom in guards(part, positive):
+                yield Atom(atom.name, tuple(["?" if is_variable(a, own) else a for a in atom.arguments]))
+
+
+def is_variable(argument: str, variables: Collection[str]) -> bool:
+    """Whether an argument is one of the variables."""
+    return is_wildcard(argument) and key(argument[1:]) in variables
+
+
+def assignments(
+    variables: Variables,
+    guarded: Iterable[Guard],
+    bindings: Bindings,
+    objects: Callable[[Types], Collection[str]],
+) -> Iterator[dict[str, str]]:
+    """The bindings with an object for each of the variables, such that every guard has its row.
+
+    Each variable gets only the objects of its types, in the collection of which ``in`` should be fast. Variables that
+    are bound already are bound anew.
+    """
+    outer = {variable: name for variable, name in bindings.items() if variable not in variables}
+    steps = _plan(variables, list(guarded), set(outer), objects)
+    if not steps:
+        yield outer
+        return
+    # a stack of our own: there may be more variables than Python has frames
+    open_steps = [steps[0](outer)]
+    while open_steps:
+        found = next(open_steps[-1], None)
+        if found is None:
+            open_steps.pop()
+        elif len(open_steps) == len(steps):
+            yield found
+        else:
+            open_steps.append(steps[len(open_steps)](found))
+
+
+_Step = Callable[[dict[str, str]], Iterator[dict[str, str]]]
+
+
+def _plan(
+    variables: Variables, guarded: list[Guard], bound: set[str], objects: Callable[[Types], Collection[str]]
+) -> list[_Step]:
+    """The order in which guards are read: first those that check what is bound, then those with the fewest rows."""
+
+    def rank(guard: Guard) -> tuple[int, bool, int]:
+        terms = [a for a in guard[0].arguments if not is_wildcard(a) or key(a[1:]) in bound]
+        free = any(is_variable(a, unbound) for a in guard[0].arguments)
+        return free, not terms, len(guard[1])
+
+    steps: list[_Step] = []
+    unbound = dict(variables)
+    while unbound or guarded:
+        if guarded:
+            best = min(guarded, key=rank)
+            guarded.remove(best)
+            found = [key(a[1:]) for a in best[0].arguments if is_variable(a, unbound)]
+            fresh = {variable: objects(unbound[variable]) for variable in found}
+            steps.append(_by_rows(*best, fresh))
+        else:
+            variable = next(iter(unbound))
+            fresh = {variable: objects(unbound[variable])}
+            steps.append(_by_objects(variable, fresh[variable]))
+        for variable in fresh:
+            del unbound[variable]
+            bound.add(variable)
+    return steps
+
+
+def _by_rows(atom: Atom, relation: Relation, fresh: Mapping[str, Collection[str]]) -> _Step:
+    """Bind the fresh variables of an atom from its rows, to the objects that each may have."""
+    places = [(i, key(a[1:])) for i, a in enumerate(atom.arguments) if is_variable(a, fresh)]
+
+    def step(bindings: dict[str, str]) -> Iterator[dict[str, str]]:
+        rows = relation.matching(pattern(atom, bindings))
+        if not places:
+            if next(rows, None) is not None:
+                yield bindings
+            return
+        for row in rows:
+            found = dict(bindings)
+            for place, variable in places:
+                value = row[place]
+                if value not in fresh[variable] or found.setdefault(variable, value) != value:
+                    break
+            else:
+                yield found
+
+    return step
+
+
+def _by_objects(variable: str, names: Collection[str]) -> _Step:
+    def step(bindings: dict[str, str]) -> Iterator[dict[str, str]]:
+        return ({**bindings, variable: name} for name in names)
+
+    return step

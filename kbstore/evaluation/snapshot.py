@@ -1,0 +1,94 @@
+"""What stands at one moment, in memory: an `Interpretation` that conditions are evaluated against."""
+
+from collections import defaultdict
+from collections.abc import Collection, Iterable, Sequence
+from functools import cached_property
+
+from kbstore.domain import ROOT_TYPE, Domain
+from kbstore.evaluation.interpretation import Arguments, Number
+from kbstore.messages import KnowledgeType
+from kbstore.names import key
+from kbstore.timelines import Role, Timeline, Value
+
+Row = tuple[Timeline, int, Value]
+
+
+class Snapshot:
+    """The state at one moment, from the assertions that stand; indexed when first asked."""
+
+    def __init__(self, time: int, rows: Sequence[Row], domain: Domain | None, use_unknowns: bool) -> None:
+        self.time = time
+        self.rows = rows
+        self.domain = domain
+        self.use_unknowns = use_unknowns
+        self._of_types: dict[tuple[str, ...], Collection[str]] = {}
+
+    def of(self, kind: KnowledgeType, role: Role = Role.STATE) -> list[Row]:
+        """The rows of a knowledge type."""
+        return [row for row in self.rows if row[0].kind is kind and row[0].role is role]
+
+    @cached_property
+    def _rows_by_key(self) -> dict[tuple[KnowledgeType, str], Row]:
+        return {(row[0].kind, row[0].key): row for row in self.rows if row[0].role is Role.STATE}
+
+    def row(self, kind: KnowledgeType, name: str) -> Row | None:
+        """The assertion that stands on one timeline of the state."""
+        return self._rows_by_key.get((kind, name))
+
+    @cached_property
+    def _signs(self) -> dict[str, dict[Arguments, bool]]:
+        found: dict[str, dict[Arguments, bool]] = defaultdict(dict)
+        for timeline, _, value in self.of(KnowledgeType.FACT):
+            name, *arguments = timeline.keys
+            found[name][tuple(arguments)] = not value[0]
+        return found
+
+    @cached_property
+    def _numbers(self) -> dict[tuple[str, ...], Number]:
+        return {
+            timeline.keys: Number(value[1], value[3], initial_time)
+            for timeline, initial_time, value in self.of(KnowledgeType.FUNCTION)
+        }
+
+    @cached_property
+    def types(self) -> dict[str, str]:
+        """The type of each object that exists, constants included; both as keys."""
+        found = dict(self.domain.constant_types) if self.domain is not None else {}
+        for timeline, _, value in self.of(KnowledgeType.INSTANCE):
+            if not value[0]:
+                found[timeline.key] = key(value[1])
+        return found
+
+    def sign(self, name: str, arguments: Arguments) -> bool | None:
+        """True where the fact is asserted, False where it is explicitly false, None where nothing is said."""
+        facts = self._signs.get(name)
+        return None if facts is None else facts.get(arguments)
+
+    def facts(self, name: str) -> Iterable[tuple[Arguments, bool]]:
+        """All facts of a predicate that are said, each with its sign."""
+        return self._signs.get(name, {}).items()
+
+    def number(self, name: str, arguments: Arguments) -> Number | None:
+        """The value of a numeric function, None where it is undefined."""
+        return self._numbers.get((name, *arguments))
+
+    def objects(self, types: Iterable[str]) -> Collection[str]:
+        """The objects that exist and are of one of the types or their subtypes, constants included."""
+        wanted = tuple(types)
+        found = self._of_types.get(wanted)
+        if found is None:
+            fits = {type_name: is_of(self.domain, type_name, wanted) for type_name in set(self.types.values())}
+            found = self._of_types[wanted] = [name for name, type_name in self.types.items() if fits[type_name]]
+        return found
+
+    def type_of(self, name: str) -> str | None:
+        """The type of an object or constant, None where it does not exist."""
+        return self.types.get(name)
+
+
+def is_of(domain: Domain | None, type_name: str, wanted: Sequence[str]) -> bool:
+    """Whether a type is one of those wanted, or below one."""
+    if domain is not None:
+        return domain.is_subtype(type_name, wanted)
+    names = {key(name) for name in wanted}
+    return ROOT_TYPE in names or key(type_name) in names

@@ -1,0 +1,128 @@
+"""Whether a question can be asked: known symbols, the right number of arguments, no loose variables (rules V7, V8)."""
+
+from collections.abc import Mapping
+
+from kbstore.domain import Domain, Signature
+from kbstore.errors import InvalidKnowledge
+from kbstore.evaluation.expressions import fold, ground, number, special
+from kbstore.evaluation.substitution import Bindings, keyed, term
+from kbstore.logic import (
+    And,
+    Atom,
+    Comparison,
+    Condition,
+    Defined,
+    Exists,
+    Expression,
+    Forall,
+    Imply,
+    IsA,
+    Not,
+    Or,
+    Parameter,
+    Preference,
+    Same,
+    Token,
+    Truism,
+)
+from kbstore.messages.enums import SpecialType
+from kbstore.names import key
+
+MAX_DEPTH = 160
+"""Conditions nested deeper are refused, so that whoever walks through one may be recursive."""
+
+
+def check(
+    condition: Condition,
+    domain: Domain | None,
+    bindings: Mapping[str, str] = {},
+    *,
+    duration: float | None = None,
+) -> None:
+    """Refuse a condition that has no meaning, in whichever of its branches.
+
+    A variable without a binding is a wildcard in an atom, and refused elsewhere. Objects need not exist. Without a
+    domain every symbol is known.
+
+    Raises:
+        UnknownSymbol: a predicate, function or type that the domain does not know.
+        InvalidKnowledge: wrong arity, a loose variable, ``?duration`` without a duration, nesting beyond `MAX_DEPTH`.
+    """
+    todo: list[tuple[Condition, Bindings, int]] = [(condition, keyed(bindings), 1)]
+    while todo:
+        node, known, depth = todo.pop()
+        if depth > MAX_DEPTH:
+            raise InvalidKnowledge(f"the condition is nested deeper than {MAX_DEPTH} levels; split it")
+        parts: tuple[Condition, ...] = ()
+        match node:
+            case Atom():
+                _check_arity(node, domain.predicate_signature(node.name) if domain else None)
+            case Not(part) | Preference(_, part):
+                parts = (part,)
+            case And(parts) | Or(parts):
+                pass
+            case Imply(premise, conclusion):
+                parts = (premise, conclusion)
+            case Exists(parameters, part) | Forall(parameters, part):
+                known = {**known, **_declared(parameters, domain)}
+                parts = (part,)
+            case Same(left, right):
+                _check_object(left, known)
+                _check_object(right, known)
+            case Comparison():
+                _check_expression(node.left, domain, known, duration)
+                _check_expression(node.right, domain, known, duration)
+            case Defined(function):
+                _check_arity(function, domain.function_signature(function.name) if domain else None)
+            case IsA(_, type_name):
+                _check_types((type_name,) if type_name else (), domain)
+            case Truism():
+                pass
+            case _:
+                raise InvalidKnowledge(f"{node!r:.80} is not a condition")
+        todo.extend((part, known, depth + 1) for part in reversed(parts))
+
+
+def _check_arity(atom: Atom, signature: Signature | None) -> None:
+    if signature is not None and len(atom.arguments) != len(signature.parameters):
+        raise InvalidKnowledge(
+            f"{atom!s:.200} has {len(atom.arguments)} arguments; expected are {len(signature.parameters)}: {signature}"
+        )
+
+
+def _declared(parameters: tuple[Parameter, ...], domain: Domain | None) -> dict[str, str]:
+    """A stand-in for each variable that a quantifier binds."""
+    declared: dict[str, str] = {}
+    for parameter in parameters:
+        _check_types(parameter.types, domain)
+        if key(parameter.name) in declared:
+            raise InvalidKnowledge(f"one quantifier declares ?{parameter.name} twice; give each variable its own name")
+        declared[key(parameter.name)] = parameter.name
+    return declared
+
+
+def _check_types(types: tuple[str, ...], domain: Domain | None) -> None:
+    if domain is not None:
+        for type_name in types:
+            domain.type_spelling(type_name)
+
+
+def _check_object(argument: str, known: Bindings) -> None:
+    if term(argument, known) is None:
+        raise InvalidKnowledge(
+            f"{argument or '?'} in (= ...) between objects stands for no definite object; name one, or say exists: "
+            f"(exists ({argument if len(argument) > 1 else '?x'} - object) ...)"
+        )
+
+
+def _check_expression(expression: Expression, domain: Domain | None, known: Bindings, duration: float | None) -> None:
+    def check_token(token: Token) -> None:
+        if isinstance(token, Atom):
+            _check_arity(token, domain.function_signature(token.name) if domain else None)
+            ground(token, known)
+        elif isinstance(token, SpecialType):
+            special(token, duration=duration)
+        else:
+            number(token)
+
+    fold(expression, check_token, lambda _operator, _operands: None)

@@ -1,0 +1,1 @@
+"""Keeping a store for years: backups, exports, archives."""

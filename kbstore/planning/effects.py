@@ -1,0 +1,335 @@
+"""What an operator changes at one moment (rules O2 and O3), and the world after it."""
+
+import math
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from itertools import product
+from typing import NamedTuple
+
+from kbstore.domain import Domain
+from kbstore.errors import DivisionByZero, InvalidKnowledge, UndefinedFunction
+from kbstore.evaluation import expressions
+from kbstore.evaluation.conditions import Evaluation
+from kbstore.evaluation.interpretation import Arguments, Interpretation, Number
+from kbstore.logic import (
+    Add,
+    Atom,
+    Change,
+    Comparison,
+    Condition,
+    Defined,
+    Delete,
+    Effect,
+    Expression,
+    ForEach,
+    Moment,
+    Not,
+    When,
+    atoms_of,
+)
+from kbstore.messages import AssignOp, ComparisonType, Operator, Truth
+from kbstore.messages.base import format_number
+from kbstore.names import key
+from kbstore.planning.grounding import GroundAction
+
+
+class NumericChange(NamedTuple):
+    """A numeric effect whose right-hand side has been evaluated."""
+
+    function: Atom
+    operation: AssignOp
+    operand: float
+
+    def __str__(self) -> str:
+        return f"({self.operation.pddl} {self.function} {format_number(self.operand)})"
+
+
+class Rate(NamedTuple):
+    """What a continuous effect adds to the rate of a function, per second, while its action runs."""
+
+    function: Atom
+    per_second: float
+
+
+@dataclass(frozen=True)
+class Effects:
+    """The effects of one moment. Names are keys; no atom is both deleted and added."""
+
+    deletes: tuple[Atom, ...] = ()
+    adds: tuple[Atom, ...] = ()
+    changes: tuple[NumericChange, ...] = ()
+    rates: tuple[Rate, ...] = ()
+
+
+def evaluate(ground: GroundAction, moment: Moment, world: Interpretation, *, duration: float | None = None) -> Effects:
+    """The effects of a moment, every condition and right-hand side of which is evaluated on `world`.
+
+    Atoms that are both deleted and added are added. Continuous effects are those of `Moment.OVER_ALL`; the rates of
+    several on one function are summed. `duration`, in seconds, is the value of ``?duration``.
+
+    All of it can be done on `world`: raises `UndefinedFunction` and `DivisionByZero` where a number cannot be had,
+    and `InvalidKnowledge` where two effects conflict or a number overflows.
+    """
+    deletes: dict[Atom, None] = {}
+    adds: dict[Atom, None] = {}
+    changes: list[NumericChange] = []
+    rates: dict[Atom, float] = {}
+    for effect, bindings in _triggered(ground, moment, world, duration):
+        match effect:
+            case Delete(atom):
+                deletes[_grounded(atom, bindings, ground)] = None
+            case Add(atom):
+                adds[_grounded(atom, bindings, ground)] = None
+            case Change(operation, term, value):
+                function = _grounded(term, bindings, ground)
+                operand = expressions.evaluate(value, world, bindings, duration=duration)
+                if operation is AssignOp.ASSIGN_CTS:
+                    rates[function] = _finite(rates.get(function, 0.0) + operand, "rate", function, ground)
+                else:
+                    changes.append(NumericChange(function, operation, operand))
+    _refuse_conflicts(changes, ground)
+    for function, number in resulting(changes, _values(world)).items():
+        _finite(number, "value", function, ground)
+    return Effects(
+        tuple(atom for atom in deletes if atom not in adds),
+        tuple(adds),
+        tuple(changes),
+        tuple(Rate(function, rate) for function, rate in rates.items()),
+    )
+
+
+def resulting(changes: Iterable[NumericChange], number_at: Callable[[Atom], float | None]) -> dict[Atom, float]:
+    """The value of each changed function after the changes, from the values before them.
+
+    The changes are simultaneous: their operands are numbers already, so that none reads what another one wrote. Several
+    increases and decreases of one function add up, several scalings multiply, in the order given. Raises
+    `UndefinedFunction` for a change relative to a value that is not there, and `DivisionByZero`.
+    """
+    values: dict[Atom, float] = {}
+    for change in changes:
+        function, operation, operand = change
+        if operation is AssignOp.ASSIGN:
+            values[function] = operand
+            continue
+        value = values[function] if function in values else number_at(function)
+        if value is None:
+            raise UndefinedFunction(f"{change}: {function} has no value; assign one first, like (= {function} 0)")
+        values[function] = _changed(value, change)
+    return values
+
+
+def lacking(
+    ground: GroundAction, moment: Moment, world: Interpretation, *, duration: float | None = None
+) -> list[Condition]:
+    """What the numeric effects of a moment need and `world` does not give, as conditions that are not true there.
+
+    A function that is changed relative to its value has to be defined, and each right-hand side to have a value.
+    """
+    needs: dict[Condition, None] = {}
+    for effect, bindings in _triggered(ground, moment, world, duration):
+        if not isinstance(effect, Change):
+            continue
+        value = tuple(_grounded(t, bindings, ground) if isinstance(t, Atom) else t for t in effect.value)
+        missing = without_value(value, world, duration=duration)
+        if effect.operation is AssignOp.SCALE_DOWN and not missing:
+            missing = without_value((Operator.DIV, 1.0, *value), world, duration=duration)
+        if effect.operation is not AssignOp.ASSIGN:
+            function = _grounded(effect.function, bindings, ground)
+            missing += without_value((function,), world)
+        needs.update(dict.fromkeys(missing))
+    return list(needs)
+
+
+def without_value(expression: Expression, world: Interpretation, *, duration: float | None = None) -> list[Condition]:
+    """Why a ground expression has no value in the world: what it reads is not ``Defined``, or a divisor is 0.
+
+    The reasons are conditions that are not true in the world; there is none where the expression has a value.
+    """
+    undefined: list[Condition] = [
+        Defined(function)
+        for function in atoms_of(expression)
+        if world.number(key(function.name), tuple(map(key, function.arguments))) is None
+    ]
+    if undefined or Operator.DIV not in expression:
+        return undefined
+    divisor = _zero_divisor(expression, world, duration)
+    return [] if divisor is None else [Not(Comparison(ComparisonType.EQUALS, divisor, (0.0,)))]
+
+
+class After:
+    """The world right after the effects of a moment, without copying it (an `Interpretation`).
+
+    What a delete effect deletes is absent in a closed world, and explicitly false with `use_unknowns` (rule O2).
+    Continuous effects have not moved anything yet.
+    """
+
+    def __init__(self, world: Interpretation, effects: Effects) -> None:
+        self._world = world
+        self._signs: dict[str, dict[Arguments, bool | None]] = {}
+        for atom in effects.deletes:
+            # an explicit falsehood is no fact that a delete could remove (rule C4)
+            if world.use_unknowns or world.sign(atom.name, atom.arguments) is True:
+                self._signs.setdefault(atom.name, {})[atom.arguments] = False if world.use_unknowns else None
+        for atom in effects.adds:
+            self._signs.setdefault(atom.name, {})[atom.arguments] = True
+        self._numbers = {
+            (function.name, function.arguments): Number(value, since=world.time)
+            for function, value in resulting(effects.changes, _values(world)).items()
+        }
+
+    @property
+    def time(self) -> int:
+        """The moment, in nanoseconds."""
+        return self._world.time
+
+    @property
+    def domain(self) -> Domain | None:
+        """The domain at that moment."""
+        return self._world.domain
+
+    @property
+    def use_unknowns(self) -> bool:
+        """Whether absent reads as unknown."""
+        return self._world.use_unknowns
+
+    def sign(self, name: str, arguments: Arguments) -> bool | None:
+        """True where the fact is asserted, False where it is explicitly false, None where nothing is said."""
+        changed = self._signs.get(name, {})
+        return changed[arguments] if arguments in changed else self._world.sign(name, arguments)
+
+    def facts(self, name: str) -> Iterator[tuple[Arguments, bool]]:
+        """All facts of a predicate that are said, each with its sign."""
+        changed = self._signs.get(name, {})
+        for arguments, sign in self._world.facts(name):
+            if arguments not in changed:
+                yield arguments, sign
+        for arguments, new_sign in changed.items():
+            if new_sign is not None:
+                yield arguments, new_sign
+
+    def number(self, name: str, arguments: Arguments) -> Number | None:
+        """The value of a numeric function at this moment, None where it is undefined; a changed one has no rate."""
+        changed = self._numbers.get((name, arguments))
+        return changed if changed is not None else self._world.number(name, arguments)
+
+    def objects(self, types: Iterable[str]) -> Collection[str]:
+        """The objects that exist and are of one of the types or their subtypes."""
+        return self._world.objects(types)
+
+    def type_of(self, name: str) -> str | None:
+        """The type of an object or constant, None where it does not exist."""
+        return self._world.type_of(name)
+
+
+def _triggered(
+    ground: GroundAction, moment: Moment, world: Interpretation, duration: float | None
+) -> Iterator[tuple[Add | Delete | Change, Mapping[str, str]]]:
+    """The simple effects of a moment that take place, in their order, each with the objects of its variables.
+
+    A conditional effect takes place where its condition is true; where that is unknown, it does not.
+    """
+    evaluation = Evaluation(world, duration=duration)
+    todo: list[tuple[Effect, Mapping[str, str]]] = [
+        (effect, ground.bindings) for effect in reversed(ground.action.effects_at(moment))
+    ]
+    while todo:
+        effect, bindings = todo.pop()
+        match effect:
+            case When(condition, parts):
+                if evaluation.truth(condition, bindings) is Truth.TRUE:
+                    todo.extend((part, bindings) for part in reversed(parts))
+            case ForEach(parameters, parts):
+                variables = [key(p.name) for p in parameters]
+                choices = product(*(sorted(world.objects(p.types)) for p in parameters))
+                each = [{**bindings, **dict(zip(variables, chosen, strict=True))} for chosen in choices]
+                todo.extend((part, inner) for inner in reversed(each) for part in reversed(parts))
+            case Add() | Delete() | Change():
+                is_continuous = isinstance(effect, Change) and effect.operation is AssignOp.ASSIGN_CTS
+                if is_continuous != (moment is Moment.OVER_ALL):
+                    raise InvalidKnowledge(
+                        f"{ground.action.name} has an effect {moment.value} that cannot be there: continuous effects,"
+                        " and no others, belong to the whole of a durative action"
+                    )
+                yield effect, bindings
+
+
+def _grounded(atom: Atom, bindings: Mapping[str, str], ground: GroundAction) -> Atom:
+    return Atom(key(atom.name), tuple(_object(argument, bindings, ground) for argument in atom.arguments))
+
+
+def _object(term: str, bindings: Mapping[str, str], ground: GroundAction) -> str:
+    if not term.startswith("?"):
+        return key(term)
+    found = bindings.get(key(term[1:]))
+    if found is None:
+        raise InvalidKnowledge(f"an effect of {ground.action.name} has the variable {term}, which nothing binds")
+    return found
+
+
+_KINDS = {
+    AssignOp.ASSIGN: "assigned",
+    AssignOp.INCREASE: "increased or decreased",
+    AssignOp.DECREASE: "increased or decreased",
+    AssignOp.SCALE_UP: "scaled",
+    AssignOp.SCALE_DOWN: "scaled",
+}
+
+
+def _refuse_conflicts(changes: list[NumericChange], ground: GroundAction) -> None:
+    """PDDL 2.1 defines simultaneous changes of one function only where their order does not matter."""
+    first: dict[Atom, NumericChange] = {}
+    violations = []
+    for change in changes:
+        other = first.setdefault(change.function, change)
+        same_kind = _KINDS[other.operation] == _KINDS[change.operation]
+        if not same_kind or (change.operation is AssignOp.ASSIGN and change.operand != other.operand):
+            violations.append(
+                f"{ground} does {other} and {change} at the same moment, and they conflict: at one moment a function is"
+                " assigned one value, or increased and decreased, or scaled"
+            )
+    if violations:
+        raise InvalidKnowledge(*violations)
+
+
+def _changed(value: float, change: NumericChange) -> float:
+    match change.operation:
+        case AssignOp.INCREASE:
+            return value + change.operand
+        case AssignOp.DECREASE:
+            return value - change.operand
+        case AssignOp.SCALE_UP:
+            return value * change.operand
+        case _:
+            if not change.operand:
+                raise DivisionByZero(f"{change} divides by zero")
+            return value / change.operand
+
+
+def _values(world: Interpretation) -> Callable[[Atom], float | None]:
+    def value(function: Atom) -> float | None:
+        number = world.number(function.name, function.arguments)
+        return None if number is None else number.at(world.time)
+
+    return value
+
+
+def _finite(number: float, what: str, function: Atom, ground: GroundAction) -> float:
+    if not math.isfinite(number):
+        raise InvalidKnowledge(f"{ground} gives {function} the {what} {number}; a function has finite numbers only")
+    return number
+
+
+def _zero_divisor(expression: Expression, world: Interpretation, duration: float | None) -> Expression | None:
+    """The first divisor that is 0, from the right, in an expression that reads no undefined function."""
+    operands: list[tuple[float, int]] = []  # the values of what has been read, and where each one ends
+    for start in reversed(range(len(expression))):
+        token = expression[start]
+        if not isinstance(token, Operator):
+            operands.append((expressions.evaluate((token,), world, duration=duration), start + 1))
+            continue
+        own = [operands.pop() for _ in range(token.arity)]
+        if token is Operator.DIV and own[1][0] == 0:
+            return expression[own[0][1] : own[1][1]]
+        number = expressions.evaluate((token, *(number for number, _ in own)), world)
+        operands.append((number, own[-1][1]))
+    return None

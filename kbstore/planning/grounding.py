@@ -1,0 +1,117 @@
+"""Operators with objects for their parameters."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+from kbstore import names
+from kbstore.actions import Action
+from kbstore.domain import Domain
+from kbstore.errors import InvalidKnowledge
+from kbstore.evaluation.interpretation import Interpretation
+from kbstore.evaluation.substitution import Bindings, instantiated
+from kbstore.logic import And, Atom, Condition, Expression, Forall, Moment, Parameter, Preference, Truism
+from kbstore.names import key
+
+
+@dataclass(frozen=True)
+class GroundAction:
+    """An operator and the objects that it is about.
+
+    `arguments` are the objects' names as they were given; `bindings` maps each parameter's name, without the
+    question mark, to the object, both as keys (`kbstore.names.key`).
+    """
+
+    action: Action
+    arguments: tuple[str, ...]
+    bindings: Mapping[str, str]
+
+    def __str__(self) -> str:
+        return f"({' '.join((self.action.name, *self.arguments))})"
+
+    @cached_property
+    def spellings(self) -> Mapping[str, str]:
+        """The object of each parameter as it was given; parameters as keys."""
+        return dict(zip(map(key, (p.name for p in self.action.parameters)), self.arguments, strict=True))
+
+    def conditions(self, moment: Moment) -> list[Condition]:
+        """The conditions of a moment with the objects in their places, conjunctions split into their parts.
+
+        Other conditions stay as they are; preferences are left out (`required`).
+        """
+        return [
+            instantiated(part, self.spellings)
+            for condition in self.action.conditions_at(moment)
+            for part in required(condition)
+        ]
+
+
+def ground(domain: Domain, name: str, arguments: tuple[str, ...], world: Interpretation) -> GroundAction:
+    """The operator of that name with objects that exist in the world and are of its parameters' types.
+
+    Raises `UnknownSymbol` if the domain has no such operator, and `InvalidKnowledge` with everything that is wrong
+    with the arguments.
+    """
+    action = domain.action(name)
+    given = f"({' '.join((action.name, *arguments))})"
+    violations = []
+    if len(arguments) != len(action.parameters):
+        expected = " ".join(f"?{p.name} - {p.type_text}" for p in action.parameters)
+        violations.append(
+            f"{given} has {len(arguments)} arguments; {action.name} takes {len(action.parameters)}"
+            + (f": {expected}" if expected else "")
+        )
+    for argument, parameter in zip(arguments, action.parameters, strict=False):
+        wrong = _mismatch(domain, argument, parameter, world)
+        if wrong:
+            violations.append(f"{given}: ?{parameter.name} is {wrong}")
+    if violations:
+        raise InvalidKnowledge(*violations)
+    bindings = {key(p.name): key(argument) for p, argument in zip(action.parameters, arguments, strict=True)}
+    return GroundAction(action, arguments, bindings)
+
+
+def _mismatch(domain: Domain, argument: str, parameter: Parameter, world: Interpretation) -> str | None:
+    """What is wrong with an argument, after "?wp is"."""
+    expected = f"an object of the type {parameter.type_text} is expected"
+    problem = names.problem(argument)
+    if problem:
+        return f"{argument!r:.80}, which {problem}; {expected}"
+    type_name = world.type_of(key(argument))
+    if type_name is None:
+        return f"{argument}, which does not exist; {expected}"
+    if not domain.is_subtype(type_name, parameter.types):
+        spelling = domain.type_spelling(type_name) if domain.knows_type(type_name) else type_name
+        return f"{argument}, which is of the type {spelling}; {expected}"
+    return None
+
+
+def required(condition: Condition) -> Iterator[Condition]:
+    """The parts of a conjunction, without what is always true and without preferences.
+
+    A preference never keeps an action from being applied (PDDL 3.0).
+    """
+    match condition:
+        case And(parts):
+            for part in parts:
+                yield from required(part)
+        case Forall(parameters, part):
+            parts = tuple(required(part))
+            if parts:
+                yield Forall(parameters, parts[0] if len(parts) == 1 else And(parts))
+        case Truism() | Preference():
+            pass
+        case _:
+            yield condition
+
+
+def with_objects(expression: Expression, objects: Bindings) -> Expression:
+    """The numeric expression with objects for its variables."""
+    return tuple(_with_objects(token, objects) if isinstance(token, Atom) else token for token in expression)
+
+
+def _with_objects(function: Atom, objects: Bindings) -> Atom:
+    return Atom(
+        function.name,
+        tuple(objects.get(key(a[1:]), a) if a.startswith("?") else a for a in function.arguments),
+    )

@@ -1,0 +1,163 @@
+"""Whether an operator can be applied (rule O1), and how long it takes (rule O3)."""
+
+from collections.abc import Iterator
+from fractions import Fraction
+
+from kbstore.clock import SECOND, TIME_LIMIT
+from kbstore.errors import DivisionByZero, InvalidKnowledge, UndefinedFunction
+from kbstore.evaluation import expressions
+from kbstore.evaluation.conditions import Evaluation
+from kbstore.evaluation.interpretation import Interpretation
+from kbstore.logic import Comparison, Condition, Expression, Moment
+from kbstore.messages import ComparisonType, SpecialType, Truth
+from kbstore.messages.base import format_number
+from kbstore.pddl.text import condition_text
+from kbstore.planning import effects
+from kbstore.planning.grounding import GroundAction, ground, with_objects
+
+__all__ = ["GroundAction", "applicability", "check_duration", "failing", "fixed_duration", "ground"]
+
+
+def failing(
+    ground: GroundAction, moment: Moment, world: Interpretation, *, duration: float | None = None
+) -> list[Condition]:
+    """The conditions of a moment that are not true in the world: false, or unknown.
+
+    Conjunctions are split, and parameters replaced by objects, so that each condition says what is missing.
+    `duration`, in seconds, is the value of ``?duration``.
+    """
+    evaluation = Evaluation(world, duration=duration)
+    return [condition for condition in ground.conditions(moment) if evaluation.truth(condition) is not Truth.TRUE]
+
+
+def applicability(ground: GroundAction, world: Interpretation, *, duration: float | None = None) -> list[Condition]:
+    """Everything that keeps an operator from being applied or started in the world; empty if it can be (rule O1).
+
+    The at-start conditions are evaluated on the world, the over-all conditions on the world after the at-start
+    effects. A number that the duration or an effect needs and that is not there is among what fails, as ``Defined``
+    (or as ``(not (= divisor 0))``). `duration`, in seconds, is what the domain fixes unless it is given.
+
+    Raises `InvalidKnowledge` where no condition fails, but the effects conflict with each other or overflow.
+    """
+    missing = _unbounded(ground, world)
+    if missing and duration is None:
+        return missing + _failing_without_duration(ground, world)
+    if duration is None:
+        fixed = fixed_duration(ground, world)
+        duration = None if fixed is None else fixed / SECOND
+    found = missing + failing(ground, Moment.AT_START, world, duration=duration)
+    try:
+        lacking = effects.lacking(ground, Moment.AT_START, world, duration=duration)
+        if lacking:
+            return found + lacking
+        after = effects.After(world, effects.evaluate(ground, Moment.AT_START, world, duration=duration))
+        found += failing(ground, Moment.OVER_ALL, after, duration=duration)
+        found += effects.lacking(ground, Moment.OVER_ALL, after, duration=duration)
+    except InvalidKnowledge:
+        # effects may conflict just where a condition forbids them, for instance a swap of a thing with itself
+        if not found:
+            raise
+    return found
+
+
+def fixed_duration(ground: GroundAction, world: Interpretation) -> int | None:
+    """The duration that the domain fixes with ``(= ?duration ...)``, to the nearest nanosecond; None if it does not.
+
+    Raises `UndefinedFunction` or `DivisionByZero` where it cannot be evaluated, and `InvalidKnowledge` where it is
+    negative or beyond the range of times.
+    """
+    for comparison, bound in _bounds(ground, Moment.AT_START):
+        if comparison is ComparisonType.EQUALS:
+            seconds = expressions.evaluate(bound, world)
+            if not 0 <= _nanoseconds(seconds) < TIME_LIMIT:
+                raise InvalidKnowledge(
+                    f"{ground} would take {seconds} s by {_text(comparison, bound)}; a duration is at least 0 and"
+                    " below 2**62 nanoseconds"
+                )
+            return _nanoseconds(seconds)
+    return None
+
+
+def check_duration(
+    ground: GroundAction, world: Interpretation, duration: int, moment: Moment = Moment.AT_START
+) -> list[str]:
+    """What is wrong with a duration in nanoseconds by the action's constraints; empty if nothing is.
+
+    Bounds are rounded to the nearest nanosecond. A constraint is a matter of its own moment: ``(at end ...)`` ones are
+    checked with `Moment.AT_END`, on the world in which the action ends.
+    """
+    violations = []
+    for comparison, bound in _bounds(ground, moment):
+        constraint = _text(comparison, bound)
+        try:
+            seconds = expressions.evaluate(bound, world, duration=duration / SECOND)
+        except (UndefinedFunction, DivisionByZero) as error:
+            violations.append(f"{ground}: {constraint} cannot be checked: {error}")
+            continue
+        if not _satisfies(duration, comparison, seconds):
+            violations.append(
+                f"{ground} cannot take {_shown(duration)} s: {constraint}"
+                + (f", which is {format_number(seconds)} s" if len(bound) > 1 or bound[0] != seconds else "")
+            )
+    return violations
+
+
+def _unbounded(ground: GroundAction, world: Interpretation) -> list[Condition]:
+    """Why the bounds of the duration have no value, or why the fixed one is no duration."""
+    missing: list[Condition] = []
+    for comparison, bound in _bounds(ground, Moment.AT_START):
+        reasons = effects.without_value(bound, world)
+        if not reasons and comparison is ComparisonType.EQUALS and expressions.evaluate(bound, world) < 0:
+            reasons.append(Comparison(ComparisonType.GREATEREQ, bound, (0.0,)))
+        missing += reasons
+    return missing
+
+
+def _failing_without_duration(ground: GroundAction, world: Interpretation) -> list[Condition]:
+    """The at-start conditions that are not true where the fixed duration cannot be had."""
+    evaluation = Evaluation(world)
+    found = []
+    for condition in ground.conditions(Moment.AT_START):
+        try:
+            is_true = evaluation.truth(condition) is Truth.TRUE
+        except InvalidKnowledge:  # it reads ?duration
+            is_true = False
+        if not is_true:
+            found.append(condition)
+    return found
+
+
+def _bounds(ground: GroundAction, moment: Moment) -> Iterator[tuple[ComparisonType, Expression]]:
+    """The constraints on ``?duration`` of a moment, with the objects in their places."""
+    for constraint in ground.action.duration:
+        if constraint.moment is moment:
+            yield constraint.comparison, with_objects(constraint.bound, ground.spellings)
+
+
+def _satisfies(duration: int, comparison: ComparisonType, seconds: float) -> bool:
+    bound = _nanoseconds(seconds)
+    match comparison:
+        case ComparisonType.GREATER:
+            return duration > bound
+        case ComparisonType.GREATEREQ:
+            return duration >= bound
+        case ComparisonType.LESS:
+            return duration < bound
+        case ComparisonType.LESSEQ:
+            return duration <= bound
+        case ComparisonType.EQUALS:
+            return duration == bound
+
+
+def _nanoseconds(seconds: float) -> int:
+    return round(Fraction(seconds) * SECOND)
+
+
+def _text(comparison: ComparisonType, bound: Expression) -> str:
+    return condition_text(Comparison(comparison, (SpecialType.DURATION,), bound))
+
+
+def _shown(duration: int) -> str:
+    """Nanoseconds as seconds, exactly."""
+    whole, rest = divmod(duration, SECOND)
+    return f"{whole}.{rest:09d}".rstrip("0").rstrip(".")

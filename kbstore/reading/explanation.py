@@ -1,0 +1,175 @@
+"""Why something holds, or does not: the reason, since when, and the transaction that made it so (rule V6)."""
+
+from collections.abc import Sequence
+
+from kbstore import logic
+from kbstore.clock import OPEN
+from kbstore.evaluation import conditions
+from kbstore.messages import KnowledgeType, Truth
+from kbstore.names import is_wildcard, key
+from kbstore.pddl.text import condition_text
+from kbstore.reading.history import History
+from kbstore.reading.questions import Question, as_condition
+from kbstore.reading.reader import Reader
+from kbstore.reading.state import State
+from kbstore.record import Explanation
+from kbstore.storage.repository import Moment, Recorded, Repository
+from kbstore.timelines import EndCause, Role
+from kbstore.vocabulary import Vocabulary
+
+_ENDED = {
+    EndCause.OBJECT: "expired with its instance",
+    EndCause.REMOVED: "removed",
+    EndCause.CLEARED: "removed",
+    EndCause.REPLACED: "removed",
+    EndCause.RUN: "removed",
+}
+
+
+class Explainer:
+    """Explains the states of one knowledge base."""
+
+    def __init__(self, reader: Reader, history: History) -> None:
+        self._reader = reader
+        self._history = history
+
+    def explain(self, state: State, question: Question) -> Explanation:
+        """Why a fact or condition is true, false or unknown in a state.
+
+        Raises `HistoryUnavailable` where the reason lies before the history that is kept.
+        """
+        with self._reader.repository() as repository:
+            head = repository.head()
+            for asked in (state.at, state.at if state.belief is None else state.belief.time):
+                self._reader.refuse_archived(asked, head)
+            condition = as_condition(question, Vocabulary(state.domain))
+            return self._condition(repository, state, condition)
+
+    def _condition(self, repository: Repository, state: State, condition: logic.Condition) -> Explanation:
+        truth = conditions.truth(condition, state.snapshot)
+        match condition:
+            case logic.Atom() if not any(map(is_wildcard, condition.arguments)):
+                return self._atom(repository, state, condition, truth)
+            case logic.Not(part):
+                inner = self._condition(repository, state, part)
+                text = condition_text(condition)
+                return Explanation(text, truth, inner.reason, inner.since, inner.transaction, inner.parts)
+            case logic.Defined(function):
+                found = self._row(repository, state, KnowledgeType.FUNCTION, function)
+                return self._of_row(repository, state, condition_text(condition), truth, found, "undefined function")
+            case logic.Comparison():
+                return self._comparison(repository, state, condition, truth)
+            case logic.IsA():
+                return self._object(repository, state, condition, truth)
+        parts = [
+            self._condition(repository, state, part)
+            for part, _ in conditions.deciding(condition, state.snapshot)
+            if part != condition
+        ]
+        return _summary(condition_text(condition), truth, parts)
+
+    def _atom(self, repository: Repository, state: State, atom: logic.Atom, truth: Truth) -> Explanation:
+        if state.domain is not None and state.domain.is_derived(atom.name):
+            reason = {
+                Truth.TRUE: "derived by the domain's rules",
+                Truth.FALSE: "not derivable by the domain's rules",
+                Truth.UNKNOWN: "not derivable from what is known",
+            }[truth]
+            return Explanation(str(atom), truth, reason)
+        found = self._row(repository, state, KnowledgeType.FACT, atom)
+        return self._of_row(repository, state, str(atom), truth, found, "never told")
+
+    def _comparison(
+        self, repository: Repository, state: State, condition: logic.Comparison, truth: Truth
+    ) -> Explanation:
+        parts = []
+        for function in dict.fromkeys(logic.atoms_of((*condition.left, *condition.right))):
+            defined = state.snapshot.number(key(function.name), tuple(map(key, function.arguments))) is not None
+            found = self._row(repository, state, KnowledgeType.FUNCTION, function)
+            part = self._of_row(repository, state, str(function), Truth.of(defined), found, "undefined function")
+            parts.append(part)
+        undefined = [part for part in parts if part.truth is Truth.FALSE]
+        if truth is Truth.UNKNOWN:
+            reason = "undefined function" if undefined else "divides by zero"
+            return _summary(condition_text(condition), truth, undefined or parts, reason)
+        return _summary(condition_text(condition), truth, parts, "by the values of its functions")
+
+    def _object(self, repository: Repository, state: State, condition: logic.IsA, truth: Truth) -> Explanation:
+        text = condition_text(condition)
+        if state.domain is not None and state.domain.constant_spelling(condition.name) is not None:
+            return Explanation(text, truth, f"a constant of the domain {state.domain.name}")
+        rows = self._rows(repository, state, KnowledgeType.INSTANCE, key(condition.name))
+        found = self._of_row(repository, state, text, truth, rows, "never told")
+        if truth is Truth.FALSE and found.reason == "asserted":
+            reason = f"an object of type {state.snapshot.type_of(key(condition.name))}"
+            return Explanation(text, truth, reason, found.since, found.transaction)
+        return found
+
+    # -- rows -------------------------------------------------------------------------------------------------
+
+    def _row(self, repository: Repository, state: State, kind: KnowledgeType, atom: logic.Atom) -> Sequence[Recorded]:
+        return self._rows(repository, state, kind, " ".join(map(key, (atom.name, *atom.arguments))))
+
+    def _rows(self, repository: Repository, state: State, kind: KnowledgeType, name: str) -> Sequence[Recorded]:
+        """The latest rows of a timeline that begin by the state's time, as they were believed."""
+        timeline = repository.find(Role.STATE, kind, [name]).get(name)
+        if timeline is None:
+            return ()
+        first = repository.latest_start(timeline, state.at)
+        rows = repository.history(kind, [timeline], first if state.belief is None else 0, state.at + 1)
+        if state.belief is None:
+            known = [row for row in rows if row.cancelled is None]
+        else:
+            known = self._believed(repository, state.belief, rows)
+        head = repository.head()
+        if not known and head.history_from:
+            # a timeline is kept for good; what stood on it may have been archived
+            raise self._reader.archived(f"what there was of ({timeline.spelling})", head)
+        return sorted(known, key=lambda row: (row.initial_time, row.recorded))
+
+    def _believed(self, repository: Repository, belief: Moment, rows: Sequence[Recorded]) -> list[Recorded]:
+        """The rows as they were at the moment of a belief: what was ended or cancelled later, was not yet."""
+        numbers = {number for row in rows for number in (row.recorded, row.ended, row.cancelled) if number}
+        transactions = self._history.transactions(repository, numbers)
+
+        def had_been(number: int | None) -> bool:
+            if number is None:
+                return False
+            if belief.number is not None:
+                return number <= belief.number
+            return transactions[number].time <= belief.time
+
+        known = [row for row in rows if had_been(row.recorded) and not had_been(row.cancelled)]
+        return [
+            row if row.cancelled is None and (row.ended is None or had_been(row.ended)) else row._replace(end_time=OPEN)
+            for row in known
+        ]
+
+    def _of_row(
+        self, repository: Repository, state: State, text: str, truth: Truth, rows: Sequence[Recorded], absent: str
+    ) -> Explanation:
+        if not rows:
+            return Explanation(text, truth, absent)
+        row = rows[-1]
+        if row.end_time > state.at:
+            number: int | None = row.recorded
+            reason, since = ("explicitly false" if row.value[0] else "asserted"), row.initial_time
+            if row.timeline.kind is KnowledgeType.INSTANCE and row.value[0]:
+                reason = "removed"
+        else:
+            number = self._history.ender(repository, row)
+            # an end by the clock alone, with nothing after it on the timeline, is the end of an object
+            cause = EndCause.OBJECT if row.cause is None else EndCause(row.cause)
+            reason, since = _ENDED[cause], row.end_time
+            if row.timeline.kind is KnowledgeType.FUNCTION and cause is not EndCause.OBJECT:
+                reason = f"undefined function: {reason}"
+        transactions = self._history.transactions(repository, [] if number is None else [number])
+        return Explanation(text, truth, reason, since, transactions.get(number or 0))
+
+
+def _summary(text: str, truth: Truth, parts: Sequence[Explanation], reason: str = "") -> Explanation:
+    """A condition is as it is since the latest of the parts that decide it."""
+    since = max((part.since for part in parts if part.since is not None), default=None)
+    last = next((part for part in parts if part.since == since and since is not None), None)
+    reason = reason or (parts[0].reason if len(parts) == 1 else "decided by its parts" if parts else "always so")
+    return Explanation(text, truth, reason, since, last.transaction if last else None, tuple(parts))

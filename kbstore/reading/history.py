@@ -1,0 +1,305 @@
+"""The record of a knowledge base: histories of timelines, changes of transactions, what the clock brought about."""
+
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Sequence
+from typing import NamedTuple
+
+from kbstore.clock import OPEN, time
+from kbstore.errors import InvalidKnowledge, UnknownSymbol
+from kbstore.evaluation.snapshot import is_of
+from kbstore.messages import Condition, Expression, Fact, Function, Inequality, Instance, KnowledgeItem, KnowledgeType
+from kbstore.names import is_wildcard, key
+from kbstore.pddl.forms import condition_of
+from kbstore.pddl.text import condition_text
+from kbstore.reading.items import ItemReader
+from kbstore.reading.mentions import mentions
+from kbstore.reading.questions import as_item
+from kbstore.reading.reader import Reader
+from kbstore.record import Assertion, Change, Transaction
+from kbstore.storage.repository import Head, Moment, Recorded, Repository
+from kbstore.timelines import METRIC_KEY, Role, Timeline
+from kbstore.vocabulary import Vocabulary
+
+BATCH = 256
+"""How many transactions `changes` reads at once."""
+
+_FEW = 32
+"""Up to this many timelines, each is read from where the span begins; more are read as a whole."""
+
+
+class Pattern(NamedTuple):
+    """The timelines that a pattern matches, and which of their assertions it does."""
+
+    kind: KnowledgeType
+    timelines: list[Timeline]
+    type_name: str = ""
+
+    def matches(self, row: Recorded, vocabulary: Vocabulary) -> bool:
+        """Whether an assertion on one of the timelines matches: an object's type may be given."""
+        if self.kind is not KnowledgeType.INSTANCE or not self.type_name:
+            return True
+        return is_of(vocabulary.domain, row.value[1], [self.type_name])
+
+
+class History:
+    """Reads the record of one knowledge base."""
+
+    def __init__(self, reader: Reader) -> None:
+        self._reader = reader
+
+    # -- one pattern ------------------------------------------------------------------------------------------
+
+    def assertions(self, pattern: object, since: object = None, until: object = None) -> list[Assertion]:
+        """The assertions that match a pattern and overlap ``[since, until)``, in order of time (rule Q3)."""
+        first = 0 if since is None else time(since)
+        last = OPEN if until is None else time(until)
+        with self._reader.repository() as repository:
+            head = repository.head()
+            for asked in (first, first if until is None else max(first, last - 1)):
+                self._reader.refuse_archived(asked, head)
+            vocabulary = self._vocabulary(repository, head, pattern, last)
+            found = self._matching(repository, as_item(pattern, vocabulary), vocabulary)
+            rows = [
+                row
+                for row in self.rows(repository, found.kind, found.timelines, first, last)
+                if found.matches(row, vocabulary) and _overlaps(row, first)
+            ]
+            rows.sort(key=_order)
+            return self.as_assertions(repository, rows, vocabulary)
+
+    def rows(
+        self, repository: Repository, kind: KnowledgeType, timelines: Sequence[Timeline], first: int, until: int
+    ) -> list[Recorded]:
+        """The rows of timelines from the one that stands at `first` on."""
+        if not timelines:
+            return []
+        if len(timelines) > _FEW or not first:
+            return repository.history(kind, timelines, 0, until)
+        rows: list[Recorded] = []
+        for timeline in timelines:
+            rows += repository.history(kind, [timeline], repository.latest_start(timeline, first), until)
+        return rows
+
+    def _vocabulary(self, repository: Repository, head: Head, pattern: object, until: int) -> Vocabulary:
+        """The latest vocabulary that knows the pattern's symbol (rule D4)."""
+        versions = [version for version in self._reader.versions(repository, head) if version.time < until]
+        if not versions:
+            return self._reader.vocabulary(repository, head, Moment(head.time))
+        refusal: UnknownSymbol | None = None
+        for version in reversed(versions):
+            vocabulary = Vocabulary(version.domain)
+            try:
+                item = as_item(pattern, vocabulary)
+                if isinstance(item, Fact | Function):
+                    vocabulary.ordered(item.knowledge_type, item.attribute_name, item.arguments, item.labels)
+            except UnknownSymbol as error:
+                refusal = refusal or error
+            else:
+                return vocabulary
+        assert refusal is not None
+        raise refusal
+
+    def _matching(self, repository: Repository, item: KnowledgeItem, vocabulary: Vocabulary) -> Pattern:
+        match item:
+            case Fact() | Function():
+                kind = item.knowledge_type
+                if is_wildcard(item.attribute_name):
+                    raise InvalidKnowledge(f"{item}: a pattern names its predicate or function; its arguments may be ?")
+                if (
+                    kind is KnowledgeType.FACT
+                    and vocabulary.domain
+                    and vocabulary.domain.is_derived(item.attribute_name)
+                ):
+                    raise InvalidKnowledge(f"{item} is derived by rules and never asserted; ask when() it was true")
+                name, arguments = vocabulary.ordered(kind, item.attribute_name, item.arguments, item.labels)
+                return Pattern(kind, self._atoms(repository, kind, (key(name), *map(key, arguments))))
+            case Instance():
+                name = key(item.instance_name)
+                timelines = (
+                    repository.of_kind(Role.STATE, KnowledgeType.INSTANCE)
+                    if is_wildcard(name)
+                    else list(repository.find(Role.STATE, KnowledgeType.INSTANCE, [name]).values())
+                )
+                if item.instance_type and vocabulary.domain is not None:
+                    vocabulary.domain.type_spelling(item.instance_type)
+                return Pattern(KnowledgeType.INSTANCE, timelines, item.instance_type)
+            case Inequality():
+                text = condition_text(condition_of(item.changed(is_negative=False), vocabulary.domain))
+                found = repository.find(Role.STATE, KnowledgeType.INEQUALITY, [key(text)])
+                return Pattern(KnowledgeType.INEQUALITY, list(found.values()))
+            case Expression():
+                found = repository.find(Role.STATE, KnowledgeType.EXPRESSION, [METRIC_KEY])
+                return Pattern(KnowledgeType.EXPRESSION, list(found.values()))
+
+    @staticmethod
+    def _atoms(repository: Repository, kind: KnowledgeType, wanted: Sequence[str]) -> list[Timeline]:
+        if not any(map(is_wildcard, wanted)):
+            return list(repository.find(Role.STATE, kind, [" ".join(wanted)]).values())
+        return [
+            timeline
+            for timeline in repository.of_symbol(Role.STATE, kind, wanted[0])
+            if len(timeline.keys) == len(wanted)
+            and all(is_wildcard(part) or part == name for part, name in zip(wanted, timeline.keys, strict=True))
+        ]
+
+    # -- rows to assertions -----------------------------------------------------------------------------------
+
+    def as_assertions(
+        self, repository: Repository, rows: Sequence[Recorded], vocabulary: Vocabulary
+    ) -> list[Assertion]:
+        """Assertions with their transactions; ends that came by the clock with the transaction that scheduled them."""
+        ends = {index: self.ender(repository, row) for index, row in enumerate(rows)}
+        numbers = {row.recorded for row in rows} | {row.cancelled for row in rows} | set(ends.values())
+        transactions = self.transactions(repository, {number for number in numbers if number is not None})
+        reader = ItemReader(vocabulary)
+        found = []
+        for index, row in enumerate(rows):
+            ended, cancelled = ends[index], row.cancelled
+            found.append(
+                Assertion(
+                    item=reader.item(row.timeline, row.initial_time, row.value, row.initial_time),
+                    initial_time=row.initial_time,
+                    end_time=None if row.end_time == OPEN else row.end_time,
+                    recorded=transactions[row.recorded],
+                    ended=None if ended is None else transactions[ended],
+                    cancelled=None if cancelled is None else transactions[cancelled],
+                    is_goal=row.timeline.role is Role.GOAL,
+                )
+            )
+        return found
+
+    @staticmethod
+    def ender(repository: Repository, row: Recorded) -> int | None:
+        """The transaction that ended a row, or scheduled what ends it."""
+        if row.ended is not None or row.cancelled is not None or row.end_time == OPEN:
+            return row.ended
+        kind, end = row.timeline.kind, row.end_time
+        for follower in repository.history(kind, [row.timeline], end, end + 1):
+            if follower.cancelled is None:
+                return follower.recorded
+        objects = repository.find(Role.STATE, KnowledgeType.INSTANCE, list(mentions(row.timeline, row.value)))
+        for follower in repository.history(KnowledgeType.INSTANCE, list(objects.values()), end, end + 1):
+            if follower.value[0] and follower.cancelled is None:
+                return follower.recorded
+        return None
+
+    @staticmethod
+    def transactions(repository: Repository, numbers: Iterable[int]) -> dict[int, Transaction]:
+        """Transactions by number."""
+        return {row[0]: as_transaction(row) for row in repository.transactions(numbers)}
+
+    # -- changes ----------------------------------------------------------------------------------------------
+
+    def changes(self, after: int) -> Iterator[Change]:
+        """Each transaction after a number, with all that it asserted, ended and cancelled (rule Q6)."""
+        while True:
+            with self._reader.repository() as repository:
+                batch = self.batch(repository, repository.head(), after)
+            if not batch:
+                return
+            yield from batch
+            after = batch[-1].number
+
+    def batch(self, repository: Repository, head: Head, after: int) -> list[Change]:
+        """The next changes after a transaction, at most `BATCH`."""
+        upto = min(head.number, after + BATCH)
+        if upto <= after:
+            return []
+        transactions = [as_transaction(row) for row in repository.transactions_between(after, upto)]
+        self._refuse_gap(transactions, after, head)
+        vocabulary = self._reader.vocabulary(repository, head, Moment(head.time))
+        recorded, ended, cancelled = repository.touched(after, upto)
+        everything = [*recorded, *ended, *cancelled]
+        assertions = dict(zip(map(id, everything), self.as_assertions(repository, everything, vocabulary), strict=True))
+        asserted_by: dict[int | None, list[Assertion]] = defaultdict(list)
+        ended_by: dict[int | None, list[Assertion]] = defaultdict(list)
+        cancelled_by: dict[int | None, list[Assertion]] = defaultdict(list)
+        for row in recorded:
+            asserted_by[row.recorded].append(assertions[id(row)])
+        for row in ended:
+            ended_by[row.ended].append(assertions[id(row)])
+        for row in cancelled:
+            cancelled_by[row.cancelled].append(assertions[id(row)])
+        return [
+            Change(
+                transaction.number,
+                transaction,
+                asserted_by[transaction.number],
+                ended_by[transaction.number],
+                cancelled_by[transaction.number],
+                transaction.time,
+            )
+            for transaction in transactions
+        ]
+
+    def _refuse_gap(self, transactions: Sequence[Transaction], after: int, head: Head) -> None:
+        """Raise where the transactions after a number have been archived, or what they ended."""
+        if not head.history_from:
+            return
+        following = transactions[0] if transactions else None
+        if following is None or following.number != after + 1 or following.time < head.history_from:
+            raise self._reader.archived(f"what followed transaction {after}", head)
+
+    # -- what the clock brings about --------------------------------------------------------------------------
+
+    def clock_changes(
+        self, repository: Repository, head: Head, last: Transaction, after: int, upto: int
+    ) -> list[Change]:
+        """What took effect by the clock alone after a time and up to another, by time; `last` was before it."""
+        self._reader.refuse_archived(after + 1, head)
+        due: dict[int, list[Recorded]] = defaultdict(list)
+        for row in repository.due(after, upto):
+            due[row.initial_time].append(row)
+        vocabulary = self._reader.vocabulary(repository, head, Moment(head.time))
+        found = []
+        for t in sorted(due):
+            ended = self._ended_by_clock(repository, due[t], t)
+            asserted = self.as_assertions(repository, due[t], vocabulary)
+            found.append(Change(last.number, last, asserted, self.as_assertions(repository, ended, vocabulary), [], t))
+        return found
+
+    def _ended_by_clock(self, repository: Repository, due: Sequence[Recorded], t: int) -> list[Recorded]:
+        timelines = {row.timeline.id: row.timeline for row in due}
+        gone = [row.timeline.id for row in due if row.timeline.kind is KnowledgeType.INSTANCE and row.value[0]]
+        if gone:
+            timelines |= {timeline.id: timeline for timeline in repository.mentioning(gone)}
+        found: list[Recorded] = []
+        for timeline in timelines.values():
+            first = repository.latest_start(timeline, t - 1)
+            rows = repository.history(timeline.kind, [timeline], first, t)
+            found += [row for row in rows if row.end_time == t and row.ended is None and row.cancelled is None]
+        return found
+
+
+def as_transaction(row: Sequence[object]) -> Transaction:
+    """A transaction from its row."""
+    number, recorded, changes, client, note = row
+    return Transaction(number, recorded, client or "", note or "", changes)  # type: ignore[arg-type]
+
+
+def _overlaps(row: Recorded, first: int) -> bool:
+    return row.end_time > first or (row.initial_time >= first and row.end_time <= row.initial_time)
+
+
+def _order(row: Recorded) -> tuple[int, int, int]:
+    return row.initial_time, row.recorded, row.timeline.id
+
+
+def matches(pattern: object, item: KnowledgeItem | Condition, vocabulary: Vocabulary) -> bool:
+    """Whether an item is of the kind, symbol and objects that a pattern says."""
+    wanted = as_item(pattern, vocabulary)
+    if isinstance(wanted, Fact | Function) and isinstance(item, Fact | Function):
+        _, arguments = vocabulary.ordered(wanted.knowledge_type, wanted.attribute_name, wanted.arguments, wanted.labels)
+        keys = (key(wanted.attribute_name), *map(key, arguments))
+        return (
+            wanted.knowledge_type is item.knowledge_type
+            and len(keys) == len(item.key)
+            and all(is_wildcard(part) or part == name for part, name in zip(keys, item.key, strict=True))
+        )
+    if isinstance(wanted, Instance) and isinstance(item, Instance):
+        named = is_wildcard(wanted.instance_name) or key(wanted.instance_name) == key(item.instance_name)
+        typed = not wanted.instance_type or is_of(vocabulary.domain, item.instance_type, [wanted.instance_type])
+        return named and typed
+    if isinstance(wanted, Expression):
+        return isinstance(item, Expression)
+    return str(wanted).lower() == str(item).lower()

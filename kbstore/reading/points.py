@@ -1,0 +1,212 @@
+"""Questions about one fact or one function at one time: one statement each, and none for what was just asked about now.
+
+Every other question reads as much as it needs (`kbstore.reading.lazy_world`), or the whole state.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+from kbstore.clock import OPEN, TIME_LIMIT, time
+from kbstore.errors import KbStoreError
+from kbstore.evaluation.interpretation import Number
+from kbstore.logic import Atom, Defined, Not
+from kbstore.messages import Fact, Function, KnowledgeType, Truth
+from kbstore.names import is_wildcard, key
+from kbstore.reading.questions import Question, as_condition, as_expression
+from kbstore.reading.reader import Reader
+from kbstore.storage import queries
+from kbstore.storage.repository import Moment, Repository
+from kbstore.storage.session import Session
+from kbstore.timelines import Role, Timeline, Value
+from kbstore.vocabulary import Vocabulary
+
+_PREPARED = 50_000
+"""How many prepared questions, and how many answers about now, are kept."""
+
+
+class Answer(NamedTuple):
+    """What stands on a timeline from a time on, until it ends or something begins; None: nothing stands."""
+
+    value: Value | None
+    initial_time: int
+    until: int
+
+
+_NOTHING = Answer(None, 0, OPEN)
+
+
+class Point:
+    """A question about one timeline, ready to be asked; `negated` by ``not``."""
+
+    __slots__ = ("key", "kind", "negated", "statement", "timeline", "version")
+
+    def __init__(self, kind: KnowledgeType, key: str, *, negated: bool, version: int) -> None:
+        self.kind = kind
+        self.key = key
+        self.negated = negated
+        self.version = version
+        self.statement = queries.for_kind[kind].point
+        self.timeline: Timeline | None = None
+
+
+class Points:
+    """Asks such questions of one knowledge base.
+
+    `caching` keeps answers about now for each connection, for as long as SQLite's ``data_version`` says that nobody
+    else has committed, and until the clock reaches the time at which the answer changes.
+    """
+
+    def __init__(self, reader: Reader, *, caching: bool) -> None:
+        self._reader = reader
+        self._clock = reader.clock
+        self._caching = caching and reader.database.dialect == "sqlite"
+        self._prepared: dict[object, Point | None] = {}
+
+    def truth(self, question: Question, at: object) -> Truth | None:
+        """The truth of a ground fact, None if it is not such a question, or not one about a stored moment."""
+        point = self._point(question, self._fact)
+        if point is None:
+            return None
+        answer = self._answer(point, at)
+        if answer is None:
+            return None
+        value = answer[0].value
+        if point.kind is KnowledgeType.FUNCTION:
+            truth = Truth.of(value is not None)
+        elif value is None:
+            truth = Truth.UNKNOWN if self._reader.use_unknowns else Truth.FALSE
+        else:
+            truth = Truth.FALSE if value[0] else Truth.TRUE
+        return ~truth if point.negated else truth
+
+    def number(self, question: Question, at: object) -> float | None:
+        """The value of a ground function, None if it is not such a question, or has no value."""
+        point = self._point(question, self._function)
+        answer = None if point is None else self._answer(point, at)
+        if answer is None or answer[0].value is None:
+            return None
+        _, value, _, rate = answer[0].value
+        return Number(value, rate, answer[0].initial_time).at(answer[1])
+
+    # -- answers ----------------------------------------------------------------------------------------------
+
+    def _answer(self, point: Point, at: object) -> tuple[Answer, int] | None:
+        """What stands, and the moment that was meant; None where it must be reckoned."""
+        with self._reader.database.asking() as session:
+            if at is not None:
+                return self._ask(session, point, at if type(at) is int else time(at), about_now=False)
+            now = self._clock.now()
+            if not self._caching or session.in_transaction:
+                return self._ask(session, point, time(now), about_now=True)
+            answers = session.answers(self._reader.kb)
+            known: tuple[Answer, int, int] | None = answers.get(point)
+            if known is not None:
+                answer, since, latest = known
+                now = max(now, latest)
+                if since <= now < answer.until:
+                    return answer, now
+            found = self._ask(session, point, time(now), about_now=True)
+            if found is not None:
+                answer, then = found
+                if len(answers) >= _PREPARED:
+                    answers.clear()
+                until = self._until(session, point, answer, then)
+                answers[point] = (answer._replace(until=until), then, then if then > now else 0)
+            return found
+
+    def _ask(self, session: Session, point: Point, t: int, *, about_now: bool) -> tuple[Answer, int] | None:
+        timeline = point.timeline
+        if timeline is None:
+            timeline = point.timeline = self._find(session, point)
+        reader = self._reader
+        row = session.look_up(point.statement, reader.kb, 0 if timeline is None else timeline.id, t)
+        assert row is not None
+        last_time, history_from, domain_version, last_run, end, initial_time = row[:6]
+        if about_now:
+            if last_time > t:
+                # a caller always sees what it wrote, also where the clock is behind (rule T3)
+                return self._ask(session, point, last_time, about_now=False)
+        elif t > last_time and (last_run or reader.is_archive) and t > self._clock.now():
+            return None
+        if t < history_from or not 0 <= t < TIME_LIMIT:
+            return None
+        if point.version != domain_version:
+            self._prepared.clear()
+            return None
+        if t < reader.latest_version_time:
+            return None
+        if end is None or end <= t:
+            return _NOTHING, t
+        return Answer(row[6:], initial_time, end), t
+
+    def _until(self, session: Session, point: Point, answer: Answer, now: int) -> int:
+        """When the answer changes, if nobody writes."""
+        if answer.value is not None or point.timeline is None:
+            return answer.until
+        parameters = {"kb": self._reader.kb, "timeline": point.timeline.id, "t": now}
+        row = session.first(queries.for_kind[point.kind].next_start, parameters)
+        return OPEN if row is None else int(row[0])
+
+    def _find(self, session: Session, point: Point) -> Timeline | None:
+        repository = Repository(session, self._reader.kb, self._reader.cache)
+        return repository.find(Role.STATE, point.kind, [point.key]).get(point.key)
+
+    # -- prepared questions -----------------------------------------------------------------------------------
+
+    def _point(self, question: Question, read: Callable[[Question, Vocabulary, int], Point | None]) -> Point | None:
+        if isinstance(question, str):
+            name: object = (question, read)
+        elif isinstance(question, Fact | Function):
+            name = (question.key, question.is_negative, question.labels, type(question), read)
+            if isinstance(question, Function):
+                name = (*name, question.function_value)
+        else:
+            return None
+        try:
+            return self._prepared[name]
+        except KeyError:
+            pass
+        with self._reader.repository() as repository:
+            head = repository.head()
+            vocabulary = self._reader.vocabulary(repository, head, Moment(self._reader.now(head)))
+        try:
+            point = read(question, vocabulary, head.domain_version)
+        except KbStoreError:
+            # refused with the right words where it is asked as any other question
+            point = None
+        if point is None and vocabulary.domain is None:
+            # what a symbol means may become known
+            return None
+        if len(self._prepared) >= _PREPARED:
+            self._prepared.clear()
+        self._prepared[name] = point
+        return point
+
+    @staticmethod
+    def _fact(question: Question, vocabulary: Vocabulary, version: int) -> Point | None:
+        condition = as_condition(question, vocabulary)
+        negated = isinstance(condition, Not)
+        if isinstance(condition, Not):
+            condition = condition.part
+        match condition:
+            case Atom() if vocabulary.domain is None or not vocabulary.domain.is_derived(condition.name):
+                return _ground(KnowledgeType.FACT, condition, vocabulary, negated=negated, version=version)
+            case Defined(function):
+                return _ground(KnowledgeType.FUNCTION, function, vocabulary, negated=negated, version=version)
+        return None
+
+    @staticmethod
+    def _function(question: Question, vocabulary: Vocabulary, version: int) -> Point | None:
+        expression = as_expression(question, vocabulary)
+        if len(expression) != 1 or not isinstance(expression[0], Atom):
+            return None
+        return _ground(KnowledgeType.FUNCTION, expression[0], vocabulary, negated=False, version=version)
+
+
+def _ground(kind: KnowledgeType, atom: Atom, vocabulary: Vocabulary, *, negated: bool, version: int) -> Point | None:
+    if any(map(is_wildcard, atom.arguments)):
+        return None
+    if vocabulary.domain is None and (kind, key(atom.name)) not in vocabulary.shapes:
+        return None
+    name, arguments = vocabulary.ordered(kind, atom.name, atom.arguments, ())
+    return Point(kind, " ".join(map(key, (name, *arguments))), negated=negated, version=version)

@@ -1,0 +1,230 @@
+"""The state of a knowledge base at one moment: what stands, what is scheduled, what runs."""
+
+from collections.abc import Callable
+from functools import cached_property
+from typing import TYPE_CHECKING, TypeVar, cast
+
+from kbstore import logic
+from kbstore.domain import Domain
+from kbstore.evaluation import conditions, expressions
+from kbstore.evaluation.interpretation import Interpretation
+from kbstore.evaluation.snapshot import Row, Snapshot
+from kbstore.messages import (
+    ComparisonType,
+    Condition,
+    Expression,
+    Fact,
+    Function,
+    Goal,
+    Inequality,
+    Instance,
+    KnowledgeItem,
+    KnowledgeType,
+    Truth,
+)
+from kbstore.pddl.writer import write_problem
+from kbstore.planning.projection import Mentions, Projection, Running
+from kbstore.reading.items import ItemReader
+from kbstore.reading.questions import Question, as_condition, as_expression, as_item
+from kbstore.record import QueryResult, Run
+from kbstore.storage.repository import Moment
+from kbstore.timelines import Identity, Role
+from kbstore.vocabulary import Vocabulary
+
+if TYPE_CHECKING:
+    from kbstore.record import Explanation
+
+_Kind = TypeVar("_Kind")
+
+
+def value_in(world: Interpretation, expression: logic.Expression) -> float:
+    """The value of an expression, after its symbols have been checked (rules V5, V8)."""
+    conditions.check(logic.Comparison(ComparisonType.EQUALS, expression, expression), world.domain)
+    return expressions.evaluate(expression, world)
+
+
+class State:
+    """Everything that stood (or is expected to stand) at one time; immutable, and independent of the database.
+
+    Attributes:
+        at: The time, in nanoseconds.
+        as_of: The time whose belief this is, in nanoseconds; None where it is not a belief of the past.
+        name: The name of the knowledge base.
+    """
+
+    def __init__(
+        self,
+        *,
+        at: int,
+        belief: Moment | None,
+        name: str,
+        rows: list[Row],
+        pending: list[Row],
+        running: list[Running],
+        vocabulary: Vocabulary,
+        use_unknowns: bool,
+        mentions: Mentions,
+        explainer: "Callable[[State, Question], Explanation]",
+    ) -> None:
+        self.at = at
+        self.as_of = None if belief is None else belief.time
+        self.belief = belief
+        self.name = name
+        self._rows = rows
+        self._pending = pending
+        self._running = running
+        self._vocabulary = vocabulary
+        self._use_unknowns = use_unknowns
+        self._mentions = mentions
+        self._explainer = explainer
+        self._reader = ItemReader(vocabulary)
+        self.snapshot = Snapshot(at, rows, vocabulary.domain, use_unknowns)
+        """What conditions are evaluated against."""
+
+    # -- what stands ------------------------------------------------------------------------------------------
+
+    @property
+    def domain(self) -> Domain | None:
+        """The domain at that time."""
+        return self._vocabulary.domain
+
+    @property
+    def use_unknowns(self) -> bool:
+        """Whether absent reads as unknown."""
+        return self._use_unknowns
+
+    @cached_property
+    def instances(self) -> list[Instance]:
+        """The objects that exist, without the domain's constants."""
+        rows = [row for row in self.snapshot.of(KnowledgeType.INSTANCE) if not row[2][0]]
+        return cast("list[Instance]", self._reader.items(rows, self.at))
+
+    @cached_property
+    def facts(self) -> list[Fact]:
+        """The facts that are said, of both signs."""
+        return self._items(KnowledgeType.FACT, Fact)
+
+    @cached_property
+    def functions(self) -> list[Function]:
+        """The numeric functions that are defined, with their values at the time."""
+        return self._items(KnowledgeType.FUNCTION, Function)
+
+    @cached_property
+    def inequalities(self) -> list[Inequality]:
+        """The inequalities that are recorded statements (rule C11)."""
+        return self._items(KnowledgeType.INEQUALITY, Inequality)
+
+    @cached_property
+    def metric(self) -> Expression | None:
+        """The metric."""
+        found = self._items(KnowledgeType.EXPRESSION, Expression)
+        return found[0] if found else None
+
+    @cached_property
+    def goals(self) -> list[Goal]:
+        """The parts of the goal."""
+        rows = [row for row in self._rows if row[0].role is Role.GOAL]
+        return cast("list[Goal]", self._reader.items(rows, self.at))
+
+    @cached_property
+    def constraints(self) -> list[str]:
+        """The trajectory constraints that problems brought, in PDDL."""
+        return [row[2][2] for row in self._rows if row[0].role is Role.CONSTRAINT]
+
+    @cached_property
+    def timed_knowledge(self) -> list[KnowledgeItem]:
+        """What had been recorded, and takes effect after the time; goals are not among it (rule Q1)."""
+        rows = [row for row in self._pending if row[0].role is Role.STATE and row[1] > self.at]
+        return [
+            cast("KnowledgeItem", self._reader.item(*row, row[1]))
+            for row in sorted(rows, key=lambda r: (r[1], r[0].id))
+        ]
+
+    @cached_property
+    def running(self) -> list[Run]:
+        """The durative actions that run."""
+        return [entry.run for entry in self._running]
+
+    def objects(self, type_name: str = "") -> list[str]:
+        """The names of the objects of a type and its subtypes, constants included; of all types if none is given.
+
+        Raises `UnknownSymbol` for a type that the domain does not know.
+        """
+        if self.domain is not None and type_name:
+            self.domain.type_spelling(type_name)
+        spellings = {row[0].key: row[0].spelling for row in self.snapshot.of(KnowledgeType.INSTANCE)}
+        if self.domain is not None:
+            spellings |= {name.lower(): name for name in self.domain.constants}
+        return [spellings[name] for name in self.snapshot.objects([type_name.lower() or "object"])]
+
+    def _items(self, kind: KnowledgeType, model: type[_Kind]) -> list[_Kind]:
+        items = self._reader.items(self.snapshot.of(kind), self.at)
+        return cast("list[_Kind]", items)
+
+    # -- questions --------------------------------------------------------------------------------------------
+
+    def truth(self, question: Question) -> Truth:
+        """The truth value of a fact or condition: TRUE, FALSE or UNKNOWN (rules V2 to V9)."""
+        condition = as_condition(question, self._vocabulary)
+        return conditions.truth(condition, self.snapshot)
+
+    def holds(self, question: Question) -> bool:
+        """Whether a fact or condition is true."""
+        return self.truth(question) is Truth.TRUE
+
+    def value(self, question: Question) -> float:
+        """The value of a numeric function or expression.
+
+        Raises `UndefinedFunction` or `DivisionByZero` where it has none.
+        """
+        return value_in(self.snapshot, as_expression(question, self._vocabulary))
+
+    def explain(self, question: Question) -> "Explanation":
+        """Why a fact or condition is true, false or unknown, and the transaction that made it so."""
+        return self._explainer(self, question)
+
+    def query(self, *items: Question) -> QueryResult:
+        """The original's query: whether each item is true; unknown counts as not true."""
+        results = [self.holds(item) for item in items]
+        false = [
+            cast("KnowledgeItem | Condition", as_item(item, self._vocabulary))
+            for item, result in zip(items, results, strict=True)
+            if not result
+        ]
+        return QueryResult(all(results), results, false)
+
+    # -- planning ---------------------------------------------------------------------------------------------
+
+    @cached_property
+    def end_effects(self) -> list[tuple[int, KnowledgeItem, Run]]:
+        """What the actions that run are expected to change at their ends: time, item, run (rule O4)."""
+        ends = [run.expected_end for run in self.running if run.expected_end > self.at]
+        last: dict[tuple[int, Identity], tuple[int, KnowledgeItem, Run]] = {}
+        for event in self.projection().advance(max(ends, default=self.at)):
+            if event.run is None:
+                continue
+            value = (True,) if event.value is None else event.value
+            item = cast("KnowledgeItem", self._reader.item(event.timeline, event.time, value, event.time))
+            # of one time, the last word counts
+            last.pop((event.time, event.timeline.identity), None)
+            last[event.time, event.timeline.identity] = (event.time, item, event.run)
+        return list(last.values())
+
+    def projection(self) -> Projection:
+        """The state, to be played forward."""
+        return Projection(
+            self.at,
+            self._rows,
+            [row for row in self._pending if row[1] > self.at],
+            self._running,
+            domain=self.domain,
+            use_unknowns=self._use_unknowns,
+            mentions=self._mentions,
+        )
+
+    def to_pddl(self, *, explicit_negatives: bool = False) -> str:
+        """The planning problem at that time, in PDDL (rules P2, O4)."""
+        return write_problem(self, explicit_negatives=explicit_negatives)
+
+    def __repr__(self) -> str:
+        return f"<State of {self.name} at {self.at}: {len(self._rows)} assertions>"

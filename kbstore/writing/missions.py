@@ -1,0 +1,227 @@
+"""Operators in a transaction: what they change, and which durative ones run (rules O1 to O3)."""
+
+from collections import defaultdict
+from collections.abc import Sequence
+
+from kbstore import clock
+from kbstore.clock import SECOND
+from kbstore.domain import Domain
+from kbstore.errors import DivisionByZero, HistoryUnavailable, InvalidKnowledge, NotApplicable, UndefinedFunction
+from kbstore.evaluation.interpretation import Interpretation
+from kbstore.logic import Atom, Condition, Moment
+from kbstore.messages import AssignOp, KnowledgeType
+from kbstore.names import key
+from kbstore.pddl.text import condition_text
+from kbstore.planning import effects, operators
+from kbstore.planning.effects import Effects
+from kbstore.planning.grounding import GroundAction, ground
+from kbstore.planning.projection import Running
+from kbstore.reading.state import State
+from kbstore.record import Applicability, FailingCondition, Run
+from kbstore.timelines import EndCause, Identity
+from kbstore.writing.draft import Draft
+from kbstore.writing.editor import Editor
+from kbstore.writing.recorder import Recorder
+
+
+class Mission:
+    """The durative actions that run, as a transaction leaves them."""
+
+    def __init__(self, draft: Draft, running: Sequence[Running], last_run: int) -> None:
+        self._draft = draft
+        self.running = list(running)
+        self.last_run = last_run
+        self._started: list[Running] = []
+        self._ended: list[tuple[Running, str]] = []
+
+    @property
+    def changes(self) -> int:
+        """How many runs begin and end."""
+        return len(self._started) + len(self._ended)
+
+    def copy(self) -> tuple[list[Running], int, list[Running], list[tuple[Running, str]]]:
+        """What `restore` takes back."""
+        return list(self.running), self.last_run, list(self._started), list(self._ended)
+
+    def restore(self, copy: tuple[list[Running], int, list[Running], list[tuple[Running, str]]]) -> None:
+        """Take back what was done since the copy."""
+        self.running, self.last_run, self._started, self._ended = copy
+
+    def contributions(self) -> dict[Identity, float]:
+        """What all that runs adds to the rate of each function, per second."""
+        found: dict[Identity, float] = defaultdict(float)
+        for entry in self.running:
+            for timeline, rate in entry.rates:
+                found[timeline.identity] += rate
+        return found
+
+    # -- operators --------------------------------------------------------------------------------------------
+
+    def applicable(self, state: State, operator: str, arguments: Sequence[str]) -> Applicability:
+        """Whether an operator can be applied, and the conditions that fail (rule O1)."""
+        return applicability(state, operator, arguments)
+
+    def apply(self, state: State, editor: Editor, operator: str, arguments: Sequence[str]) -> None:
+        """Do an instantaneous action."""
+        action = _grounded(state, operator, arguments)
+        if action.action.durative:
+            raise NotApplicable(f"{action} takes time; start() it, and end() it when it is done")
+        if not operators.failing(action, Moment.AT_START, state.snapshot):
+            # a number that an effect cannot be reckoned with has an error of its own
+            found = effects.evaluate(action, Moment.AT_START, state.snapshot)
+        _refuse(action, applicability(state, operator, arguments))
+        self._carry_out(editor, found, state)
+
+    def start(self, state: State, editor: Editor, operator: str, arguments: Sequence[str], duration: object) -> Run:
+        """Start a durative action."""
+        action = _grounded(state, operator, arguments)
+        if not action.action.durative:
+            raise NotApplicable(f"{action} takes no time; apply() does the whole of it")
+        length = self._duration(action, state.snapshot, duration)
+        running = self._find(operator, arguments)
+        if running is not None:
+            raise NotApplicable(f"{action} runs already, since {clock.isoformat(running.run.started)}; end it first")
+        seconds = length / SECOND
+        if not operators.failing(action, Moment.AT_START, state.snapshot, duration=seconds):
+            found = effects.evaluate(action, Moment.AT_START, state.snapshot, duration=seconds)
+            # rates are those at the start, as the at-start effects leave the state
+            world = effects.After(state.snapshot, found)
+            continuous = effects.evaluate(action, Moment.OVER_ALL, world, duration=seconds).rates
+        _refuse(action, applicability(state, operator, arguments, duration=seconds))
+        self._carry_out(editor, found, state)
+        rates = tuple(
+            (editor.track_of(KnowledgeType.FUNCTION, function).timeline, rate) for function, rate in continuous
+        )
+        self.last_run += 1
+        run = Run(action.action.name, action.arguments, self._draft.now, length, self.last_run)
+        entry = Running(run, rates)
+        self.running.append(entry)
+        self._started.append(entry)
+        return run
+
+    def end(self, state: State, editor: Editor, run: Run) -> Applicability:
+        """End a durative action; the at-end conditions that fail."""
+        entry = self._running(run)
+        action = _grounded(state, entry.run.operator, entry.run.arguments)
+        seconds = entry.run.duration / SECOND
+        failing = operators.failing(action, Moment.AT_END, state.snapshot, duration=seconds)
+        try:
+            found = effects.evaluate(action, Moment.AT_END, state.snapshot, duration=seconds)
+            self._stop(entry, "ended")
+            self._carry_out(editor, found, state)
+        except (UndefinedFunction, DivisionByZero, InvalidKnowledge) as error:
+            raise NotApplicable(f"{action} cannot end: {error}; mend the state, or abort() it") from error
+        return _explained(state, failing)
+
+    def abort(self, run: Run) -> None:
+        """Abort a durative action."""
+        self._stop(self._running(run), "aborted")
+
+    def abort_with(self, name: str) -> None:
+        """Abort what runs with an object that is removed (rule C12)."""
+        for entry in [entry for entry in self.running if name in map(key, entry.run.arguments)]:
+            self._stop(entry, "aborted")
+
+    def abort_all(self) -> None:
+        """Abort everything that runs."""
+        for entry in list(self.running):
+            self._stop(entry, "aborted")
+
+    def _stop(self, entry: Running, outcome: str) -> None:
+        self.running.remove(entry)
+        # a function that was moved goes on from its value now, without what the action added to its rate
+        self._draft.loaded(timeline for timeline, _ in entry.rates if timeline.id)
+        if entry in self._started:
+            self._started.remove(entry)
+        else:
+            self._ended.append((entry, outcome))
+
+    def _running(self, run: Run) -> Running:
+        for entry in self.running:
+            if entry.run.number == run.number:
+                return entry
+        raise NotApplicable(f"({' '.join((run.operator, *run.arguments))}) does not run; it has ended or was aborted")
+
+    def _find(self, operator: str, arguments: Sequence[str]) -> Running | None:
+        wanted = [key(name) for name in (operator, *arguments)]
+        for entry in self.running:
+            if [key(name) for name in (entry.run.operator, *entry.run.arguments)] == wanted:
+                return entry
+        return None
+
+    @staticmethod
+    def _duration(action: GroundAction, world: Interpretation, given: object) -> int:
+        if given is not None:
+            return clock.duration(given)
+        fixed = operators.fixed_duration(action, world)
+        if fixed is None:
+            raise InvalidKnowledge(
+                f"{action}: the domain does not fix its duration; give one, as: duration=kbstore.seconds(30)"
+            )
+        return fixed
+
+    # -- effects ----------------------------------------------------------------------------------------------
+
+    def _carry_out(self, editor: Editor, found: Effects, state: State) -> None:
+        """Deletes before adds, then the numbers; all was evaluated on the state before (rule O2)."""
+        draft = self._draft
+        for atom in found.deletes:
+            track = editor.track_of(KnowledgeType.FACT, atom)
+            if state.use_unknowns:
+                draft.set(track, (True,))
+            elif track.value is not None and not track.value[0]:
+                draft.end(track, EndCause.REMOVED)
+        for atom in found.adds:
+            draft.set(editor.track_of(KnowledgeType.FACT, atom), (False,))
+        assigned = {change.function for change in found.changes if change.operation is AssignOp.ASSIGN}
+
+        def number(function: Atom) -> float | None:
+            there = state.snapshot.number(key(function.name), tuple(map(key, function.arguments)))
+            return None if there is None else there.at(state.at)
+
+        for function, value in effects.resulting(found.changes, number).items():
+            track = editor.track_of(KnowledgeType.FUNCTION, function)
+            own_rate = 0.0 if function in assigned or track.value is None else track.value[2]
+            draft.set(track, (False, value, own_rate, own_rate))
+
+    def write(self, recorder: Recorder) -> None:
+        """Write the runs that begin and end."""
+        for run, rates in self._started:
+            recorder.start_run(run.number, run.operator, run.arguments, run.duration)
+            for timeline, rate in rates:
+                recorder.run_rate(run.number, timeline, rate)
+        for (run, _), outcome in self._ended:
+            recorder.end_run(run.number, run.started, outcome)
+
+
+def applicability(
+    state: State, operator: str, arguments: Sequence[str], *, duration: float | None = None
+) -> Applicability:
+    """Whether an operator can be applied to a state, and the conditions that fail, each with since when (rule O1)."""
+    action = _grounded(state, operator, arguments)
+    return _explained(state, operators.applicability(action, state.snapshot, duration=duration))
+
+
+def _explained(state: State, failing: Sequence[Condition]) -> Applicability:
+    found = []
+    for condition in failing:
+        try:
+            since = state.explain(condition).since
+        except HistoryUnavailable:
+            # it has failed for longer than history is kept
+            since = None
+        found.append(FailingCondition(condition_text(condition), since, state.truth(condition)))
+    return Applicability(found)
+
+
+def _grounded(state: State, operator: str, arguments: Sequence[str]) -> GroundAction:
+    domain: Domain | None = state.domain
+    if domain is None:
+        raise InvalidKnowledge(f"({operator} ...) needs a domain that declares it; load one first")
+    return ground(domain, operator, tuple(arguments), state.snapshot)
+
+
+def _refuse(action: GroundAction, applicability: Applicability) -> None:
+    if not applicability:
+        reasons = "\n".join(f"  - {failing}" for failing in applicability.failing)
+        raise NotApplicable(f"{action} is not applicable:\n{reasons}")

@@ -1,0 +1,457 @@
+"""The one path for writing: a transaction takes the write lock and now, collects updates, and stores them at once."""
+
+import json
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import AbstractContextManager, ExitStack, nullcontext
+from types import TracebackType
+from typing import Self
+
+from kbstore.clock import isoformat, time
+from kbstore.domain import Domain
+from kbstore.errors import ClockWentBackwards, Conflict, InvalidKnowledge, KbStoreError, UnknownSymbol
+from kbstore.evaluation.snapshot import Row
+from kbstore.messages import (
+    Condition,
+    Fact,
+    Function,
+    Goal,
+    Inequality,
+    Instance,
+    KnowledgeItem,
+    KnowledgeType,
+    UpdateType,
+)
+from kbstore.names import key
+from kbstore.pddl.domain_reader import read_domain
+from kbstore.pddl.forms import condition_of, goals_of
+from kbstore.pddl.problem_reader import Problem, read_problem
+from kbstore.reading.mentions import mentions
+from kbstore.reading.questions import Question, as_condition, as_item
+from kbstore.reading.reader import Picture, Place, Reader
+from kbstore.reading.state import State
+from kbstore.record import Applicability, Run, Transaction
+from kbstore.storage.repository import Moment, Repository
+from kbstore.storage.session import Session
+from kbstore.timelines import Identity, Role, Timeline
+from kbstore.vocabulary import Vocabulary
+from kbstore.writing.bulk import without_collection
+from kbstore.writing.draft import Draft
+from kbstore.writing.editor import Editor
+from kbstore.writing.fitting import misfits
+from kbstore.writing.missions import Mission
+from kbstore.writing.recorder import Recorder
+
+TOLERANCE = 1_000_000_000
+"""How far a clock may be behind the latest recorded time, in nanoseconds (rule T3)."""
+
+_OF_GOALS = (UpdateType.ADD_GOAL, UpdateType.REMOVE_GOAL)
+
+Update = Callable[[], Sequence[str]]
+"""Does one update to the draft; returns its violations."""
+
+
+class OpenTransaction:
+    """A transaction under way, from `KnowledgeBase.transaction`: a context manager.
+
+    Its updates apply in order, at one and the same now. Leaving the block stores them; leaving it by an exception
+    stores nothing. `result` is the `Transaction` afterwards.
+    """
+
+    result: Transaction
+
+    def __init__(
+        self,
+        reader: Reader,
+        *,
+        client: str = "",
+        note: str = "",
+        expect: int | None = None,
+        validate: bool = True,
+        tolerance: int = TOLERANCE,
+        guard: Callable[[], AbstractContextManager[None]] = nullcontext,
+    ) -> None:
+        self._reader = reader
+        self._client = client
+        self._note = note
+        self._expect = expect
+        self._validate = validate
+        self._tolerance = tolerance
+        self._is_whole = True
+        self._new_timelines: list[Timeline] = []
+        self._guard = guard
+        self._contexts = ExitStack()
+
+    def __enter__(self) -> Self:
+        with ExitStack() as contexts:
+            contexts.enter_context(self._guard())
+            self._begin(contexts.enter_context(self._reader.database.writing()))
+            self._contexts = contexts.pop_all()
+        return self
+
+    def _begin(self, session: Session) -> None:
+        reader = self._reader
+        self._session = session
+        self._repository = Repository(session, reader.kb, reader.cache)
+        self._head = self._repository.head(for_update=True)
+        if self._expect is not None and self._head.number > self._expect:
+            raise Conflict(
+                f"transaction {self._head.number} has been committed, but nothing after {self._expect} was expected; "
+                "read the state again, and decide anew"
+            )
+        self.now = self._read_clock()
+        self._number = self._head.number + 1
+        stored = reader.vocabulary(self._repository, self._head, Moment(self.now))
+        self._vocabulary = Vocabulary(stored.domain, dict(stored.shapes))
+        self._stored_shapes = dict(stored.shapes)
+        self._domain = stored.domain
+        self._draft = Draft(self._repository, self.now, mentions)
+        self._mission = Mission(
+            self._draft, reader.running(self._repository, Moment(self.now), self._head), self._head.last_run
+        )
+        self._use_vocabulary(self._vocabulary)
+
+    def _use_vocabulary(self, vocabulary: Vocabulary) -> None:
+        self._vocabulary = vocabulary
+        self._editor = Editor(
+            self._draft,
+            self._repository,
+            vocabulary if self._validate else Vocabulary(None, {}),
+            self._mission.abort_with,
+        )
+
+    def _read_clock(self) -> int:
+        """Now, which never runs backwards (rule T3)."""
+        now, latest = time(self._reader.clock.now()), self._head.time
+        if now >= latest:
+            return now
+        if latest - now <= self._tolerance:
+            return latest
+        raise ClockWentBackwards(
+            f"the clock says {isoformat(now)}, but {self._reader.name} has a transaction of {isoformat(latest)}; "
+            "set the clock, or give a run that begins anew (a simulation at 0) a knowledge base name of its own"
+        )
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if kind is not None:
+            self._contexts.__exit__(kind, error, trace)
+            return
+        # what goes wrong in storing rolls back, as what goes wrong in the block
+        with self._contexts, without_collection():
+            self._store()
+        for timeline in self._new_timelines:
+            self._reader.cache.put(timeline)
+
+    # -- storing ----------------------------------------------------------------------------------------------
+
+    def _store(self) -> None:
+        """Write what the draft comes to; what changes nothing takes no number (rule C1)."""
+        if not self._is_whole:
+            raise InvalidKnowledge("a load has failed half-way in this transaction; nothing of it has been stored")
+        self._draft.contributions = self._mission.contributions()
+        writes = self._draft.finish(self._number)
+        domain = self._vocabulary.domain
+        has_domain = domain is not None and domain is not self._domain
+        changes = writes.changes + has_domain + self._mission.changes
+        if not changes:
+            self.result = Transaction(self._head.number, self.now, self._client, self._note, 0)
+            return
+        recorder = Recorder(self._session, self._reader.kb, self._number, self.now)
+        head = self._head._replace(last_run=self._mission.last_run)
+        if domain is not None and has_domain:
+            head = head._replace(domain_version=head.domain_version + 1)
+            sensed = json.dumps(sorted(domain.sensed))
+            recorder.domain(head.domain_version, domain.name, domain.source, sensed)
+        for (kind, name_key), shape in self._vocabulary.shapes.items():
+            if self._stored_shapes.get((kind, name_key)) != shape:
+                recorder.symbol(int(kind), name_key, shape.name, shape.labels or (), shape.arity)
+        recorder.transaction(head, changes, self._client, self._note)
+        self._new_timelines = recorder.write(writes)
+        self._mission.write(recorder)
+        self.result = Transaction(self._number, self.now, self._client, self._note, changes)
+
+    def _apply(self, updates: Iterable[Update]) -> None:
+        """Do updates one after another, or none of them; all violations are reported together (rule D1)."""
+        with without_collection():
+            self._apply_all(updates)
+
+    def _apply_all(self, updates: Iterable[Update]) -> None:
+        self._draft.savepoint()
+        shapes = dict(self._vocabulary.shapes)
+        violations: list[str] = []
+        other: KbStoreError | None = None
+        for update in updates:
+            try:
+                violations += update()
+            except InvalidKnowledge as error:
+                violations += error.violations
+            except KbStoreError as error:
+                other = other or error
+        if violations or other is not None:
+            self._draft.roll_back()
+            self._vocabulary.shapes.clear()
+            self._vocabulary.shapes.update(shapes)
+            raise InvalidKnowledge(*dict.fromkeys(violations)) if violations else other  # type: ignore[misc]
+
+    # -- updates ----------------------------------------------------------------------------------------------
+
+    def add(self, *items: object, initial_time: object = None) -> None:
+        """Add knowledge to the state; `initial_time` counts for items without one of their own."""
+        t = _time(initial_time)
+        self.update([(UpdateType.ADD_KNOWLEDGE, item) for item in items], initial_time=t)
+
+    def remove(self, *items: object, initial_time: object = None) -> None:
+        """Remove what stands and matches; with a time after now, cancel what is scheduled for it."""
+        t = _time(initial_time)
+        self.update([(UpdateType.REMOVE_KNOWLEDGE, item) for item in items], initial_time=t)
+
+    def add_goal(self, *goals: object, initial_time: object = None) -> None:
+        """Add to the goal; a conjunction is split into its parts."""
+        self.update([(UpdateType.ADD_GOAL, goal) for goal in goals], initial_time=initial_time)
+
+    def remove_goal(self, *goals: object, initial_time: object = None) -> None:
+        """Remove from the goal."""
+        self.update([(UpdateType.REMOVE_GOAL, goal) for goal in goals], initial_time=initial_time)
+
+    def add_metric(self, *metrics: object, initial_time: object = None) -> None:
+        """Set the metric."""
+        self.update([(UpdateType.ADD_METRIC, metric) for metric in metrics], initial_time=initial_time)
+
+    def remove_metric(self, *metrics: object, initial_time: object = None) -> None:
+        """Remove the metric; if one is given, only if it is that one."""
+        if not metrics:
+            t = _time(initial_time)
+            self._apply([lambda: self._editor.remove_metric(None, t if t > self.now else None)])
+        self.update([(UpdateType.REMOVE_METRIC, metric) for metric in metrics], initial_time=initial_time)
+
+    def update(self, updates: Iterable[tuple[UpdateType | int, object]], *, initial_time: object = None) -> None:
+        """Do several updates, in order, all or none."""
+        t = _time(initial_time)
+        with without_collection():
+            self._apply(self._preloaded([(UpdateType(kind), item) for kind, item in updates], t))
+
+    def clear(self) -> None:
+        """End everything that stands, cancel everything scheduled, abort what runs (rule C12)."""
+        self._editor.clear()
+        self._mission.abort_all()
+
+    def _preloaded(self, updates: Sequence[tuple[UpdateType, object]], t: int) -> Iterable[Update]:
+        """The updates as what does them; the timelines that they touch are read at once."""
+        read: list[Update] = []
+        wanted = _Wanted()
+        for kind, knowledge in updates:
+            try:
+                items = self._items(kind, knowledge)
+            except KbStoreError as error:
+                read.append(_failing(knowledge, error))
+                continue
+            role = Role.GOAL if kind in _OF_GOALS else Role.STATE
+            for item in items:
+                wanted.note(role, item)
+                read.append(self._update(kind, item, item.initial_time or t))
+        wanted.load(self._draft)
+        return read
+
+    def _items(self, kind: UpdateType, knowledge: object) -> Sequence[KnowledgeItem | Condition]:
+        if kind in _OF_GOALS:
+            return self._goals(knowledge)
+        if isinstance(knowledge, str) and kind in (UpdateType.ADD_METRIC, UpdateType.REMOVE_METRIC):
+            return [as_item(knowledge, self._vocabulary)]
+        return [as_item(knowledge, self._vocabulary)]
+
+    def _goals(self, knowledge: object) -> Sequence[Goal]:
+        if isinstance(knowledge, Fact | Inequality):
+            return [knowledge]
+        initial_time = 0
+        if isinstance(knowledge, Condition):
+            initial_time = knowledge.initial_time
+        elif not isinstance(knowledge, str):
+            item = as_item(knowledge, self._vocabulary)
+            if isinstance(item, Fact | Inequality):
+                return [item]
+            if not isinstance(item, Function):
+                raise InvalidKnowledge(f"{item} is not a goal; a goal is a fact, a negative fact or a condition")
+            initial_time = item.initial_time
+            knowledge = condition_of(item, self._vocabulary.domain)
+        condition = as_condition(knowledge, self._vocabulary)
+        goals = goals_of(condition, self._vocabulary.domain)
+        return [goal.changed(initial_time=initial_time) for goal in goals] if initial_time else goals
+
+    def _update(self, kind: UpdateType, item: KnowledgeItem | Condition, t: int) -> Update:
+        editor = self._editor
+        later = t if t > self.now else None
+        match kind:
+            case UpdateType.ADD_KNOWLEDGE:
+                return lambda: editor.add(item, t)  # type: ignore[arg-type]
+            case UpdateType.REMOVE_KNOWLEDGE:
+                return lambda: editor.remove(item, later)  # type: ignore[arg-type]
+            case UpdateType.ADD_GOAL:
+                return lambda: editor.add_goal(item, t)  # type: ignore[arg-type]
+            case UpdateType.REMOVE_GOAL:
+                return lambda: editor.remove_goal(item, later)  # type: ignore[arg-type]
+            case UpdateType.ADD_METRIC:
+                return lambda: editor.add_metric(item, t)  # type: ignore[arg-type]
+            case UpdateType.REMOVE_METRIC:
+                return lambda: editor.remove_metric(item, later)  # type: ignore[arg-type]
+
+    # -- domains and problems ---------------------------------------------------------------------------------
+
+    def load(self, domain: object = None, problem: object = None, *, replace: bool = False) -> None:
+        """Load a domain, and a problem: paths, or PDDL text. `replace` clears first (rules D4, P3)."""
+        self._is_whole = False
+        loaded = self._vocabulary.domain if domain is None else read_domain(domain)  # type: ignore[arg-type]
+        read = None if problem is None else read_problem(problem, loaded)  # type: ignore[arg-type]
+        if replace:
+            self.clear()
+        if loaded is not None and domain is not None:
+            self.set_domain(loaded)
+        if read is not None:
+            self._apply(self._of_problem(read))
+        self._is_whole = True
+
+    def set_domain(self, domain: Domain) -> None:
+        """Another version of the domain; refused if what stands or is scheduled does not fit it (rule D4)."""
+        known = self._vocabulary.domain
+        if known is not None and known.source == domain.source and known.sensed == domain.sensed:
+            return
+        if known is None or known.source != domain.source:
+            wrong = misfits(domain, self._draft, self._editor.everything(), self._mission.running)
+            if wrong:
+                raise InvalidKnowledge(*wrong)
+        self._use_vocabulary(Vocabulary(domain))
+
+    def set_sensed(self, name: str, sensed: bool) -> None:
+        """Mark a predicate as sensed, or not; a new version of the domain."""
+        domain = self._vocabulary.domain
+        if domain is None:
+            raise InvalidKnowledge(f"{name} cannot be marked as sensed without a domain; load one first")
+        if domain.is_sensed(name) != sensed:
+            self.set_domain(domain.with_sensed(name, sensed))
+
+    def _of_problem(self, problem: Problem) -> Iterable[Update]:
+        wanted = _Wanted()
+        for item in (*problem.instances, *problem.init):
+            wanted.note(Role.STATE, item)
+        wanted.load(self._draft)
+        updates = [self._update(UpdateType.ADD_KNOWLEDGE, item, 0) for item in (*problem.instances, *problem.init)]
+        updates += [self._update(UpdateType.ADD_KNOWLEDGE, item, self.now + offset) for offset, item in problem.timed]
+        updates += [self._update(UpdateType.ADD_GOAL, goal, 0) for goal in problem.goals]
+        if problem.metric is not None:
+            updates.append(self._update(UpdateType.ADD_METRIC, problem.metric, 0))
+        updates += [self._constraint(text) for text in problem.constraints]
+        return updates
+
+    def _constraint(self, text: str) -> Update:
+        return lambda: self._editor.add_constraint(text)
+
+    # -- operators --------------------------------------------------------------------------------------------
+
+    def applicable(self, operator: str, *arguments: str) -> Applicability:
+        """Whether an operator can be applied to the state as the transaction has it (rule O1)."""
+        return self._mission.applicable(self.state(), operator, arguments)
+
+    def apply(self, operator: str, *arguments: str) -> None:
+        """Do the whole of an instantaneous action (rules O2, O3)."""
+        self._together(lambda: self._mission.apply(self.state(), self._editor, operator, arguments))
+
+    def start(self, operator: str, *arguments: str, duration: object = None) -> Run:
+        """Start a durative action: its at-start effects, and its continuous ones begin."""
+        runs: list[Run] = []
+
+        def start() -> None:
+            runs.append(self._mission.start(self.state(), self._editor, operator, arguments, duration))
+
+        self._together(start)
+        return runs[0]
+
+    def end(self, run: Run) -> Applicability:
+        """End a durative action: its at-end effects. Returns the at-end conditions that fail."""
+        ended: list[Applicability] = []
+        self._together(lambda: ended.append(self._mission.end(self.state(), self._editor, run)))
+        return ended[0]
+
+    def abort(self, run: Run) -> None:
+        """Abort a durative action: only its continuous effects stop."""
+        self._mission.abort(run)
+
+    def _together(self, act: Callable[[], None]) -> None:
+        copy = self._mission.copy()
+
+        def update() -> Sequence[str]:
+            act()
+            return ()
+
+        try:
+            self._apply([update])
+        except KbStoreError:
+            self._mission.restore(copy)
+            raise
+
+    # -- the state as the transaction has it ------------------------------------------------------------------
+
+    def state(self) -> State:
+        """The state at the transaction's now, with what it has written itself."""
+        moment = Moment(self.now)
+        self._draft.contributions = self._mission.contributions()
+        rows: dict[Identity, Row] = {}
+        pending: dict[tuple[Identity, int], Row] = {}
+        for kind in KnowledgeType:
+            rows |= {row[0].identity: row for row in self._repository.standing(kind, moment)}
+            pending |= {(row[0].identity, row[1]): row for row in self._repository.pending(kind, moment)}
+        self._draft.overlay(rows, pending)
+        picture = Picture(
+            Place(self.now, moment, self._head, False),
+            list(rows.values()),
+            list(pending.values()),
+            self._mission.running,
+            self._vocabulary,
+        )
+        return self._reader.state_of(picture)
+
+    def holds(self, question: Question) -> bool:
+        """Whether a fact or condition is true in the state as the transaction has it."""
+        return self.state().holds(question)
+
+    def value(self, question: Question) -> float:
+        """The value of a function or expression in the state as the transaction has it."""
+        return self.state().value(question)
+
+
+def _time(initial_time: object) -> int:
+    return 0 if initial_time is None else time(initial_time)
+
+
+def _failing(knowledge: object, error: KbStoreError) -> Update:
+    """What stands for an item that could not be read; a symbol that is not known is a violation (rule D1)."""
+
+    def update() -> Sequence[str]:
+        if isinstance(error, UnknownSymbol):
+            return [f"{knowledge}: {error}"]
+        raise error
+
+    return update
+
+
+class _Wanted:
+    """The timelines that updates will touch, as far as that can be told beforehand; read at once."""
+
+    def __init__(self) -> None:
+        self._atoms: dict[tuple[Role, KnowledgeType], set[str]] = defaultdict(set)
+        self._objects: set[str] = set()
+
+    def note(self, role: Role, item: KnowledgeItem | Condition) -> None:
+        """Note what an item will touch."""
+        if isinstance(item, Fact | Function):
+            keys = item.key
+            self._atoms[role, item.knowledge_type].add(" ".join(keys))
+            self._objects.update(keys[1:])
+        elif isinstance(item, Instance):
+            self._objects.add(key(item.instance_name))
+
+    def load(self, draft: Draft) -> None:
+        """Read it."""
+        for (role, kind), keys in self._atoms.items():
+            draft.load(role, kind, keys)
+        draft.load(Role.STATE, KnowledgeType.INSTANCE, self._objects)
