@@ -4,6 +4,7 @@ import os
 import threading
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from copy import copy
 from types import TracebackType
 from typing import Any, Self
 
@@ -38,7 +39,7 @@ from kbstore.reading.watching import Watch
 from kbstore.record import Applicability, Assertion, Change, Diff, Ended, Explanation, QueryResult, Run, Transaction
 from kbstore.storage import queries
 from kbstore.storage.engine import Database
-from kbstore.storage.repository import Moment
+from kbstore.storage.repository import Moment, TimelineCache
 from kbstore.storage.transfer import Progress, is_archive
 from kbstore.writing.missions import applicability
 from kbstore.writing.transaction import TOLERANCE, OpenTransaction
@@ -128,9 +129,12 @@ class KnowledgeBase:
         With `expect`, the number of the latest transaction that the caller knows of, it is a `Conflict` on entry if
         another one has been committed since.
         """
+        return self._transaction(self._reader, client=client, note=note, expect=expect)
+
+    def _transaction(self, reader: Reader, *, client: str, note: str, expect: int | None = None) -> OpenTransaction:
         self._refuse_writing()
         return OpenTransaction(
-            self._reader,
+            reader,
             client=client,
             note=note,
             expect=expect,
@@ -208,6 +212,39 @@ class KnowledgeBase:
         with self.transaction(client=client, note=note) as tx:
             tx.update(updates)
         return tx.result
+
+    def ingest(
+        self,
+        items: Iterable[object],
+        *,
+        batch: int = BATCH,
+        client: str = "",
+        note: str = "",
+        progress: Counted | None = None,
+    ) -> Ingested:
+        """Add the items of an iterable that need not fit into memory, in one transaction for each `batch` of them.
+
+        What went wrong in one batch leaves those before it stored, and says so: nothing of that batch, and nothing
+        after it, is.
+
+        Args:
+            items: whatever `add` takes, as many as there are.
+            batch: how many items a transaction takes.
+            client: who adds them.
+            note: why.
+            progress: told after each batch how many items have been stored by now.
+
+        Raises:
+            InvalidKnowledge: with the violations of one batch, each with the number of its item, counted from 1.
+        """
+        # of timelines as many as there are items, none is remembered longer than for its batch
+        reader = copy(self._reader)
+
+        def begin() -> OpenTransaction:
+            reader.cache = TimelineCache()
+            return self._transaction(reader, client=client, note=note)
+
+        return ingest(begin, items, batch=batch, progress=progress)
 
     def clear(self, *, client: str = "", note: str = "") -> Transaction:
         """End everything that stands, cancel everything scheduled, abort what runs; history remains."""

@@ -51,8 +51,8 @@ class Evaluation:
     def truth(self, condition: Condition, bindings: Mapping[str, str] = {}) -> Truth:
         """The truth of a condition, with objects for its free variables.
 
-        Raises `UnknownSymbol` and `InvalidKnowledge` as `kbstore.evaluation.wellformed.check` does, and `InvalidKnowledge` for a
-        comparison that would need numbers of absurd size.
+        Raises `UnknownSymbol` and `InvalidKnowledge` as `kbstore.evaluation.wellformed.check` does, and
+        `InvalidKnowledge` for a comparison that would need numbers of absurd size.
         """
         check(condition, self.world.domain, bindings, duration=self.duration)
         return self.evaluate(condition, keyed(bindings))
