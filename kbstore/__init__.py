@@ -56,6 +56,7 @@ from kbstore.reading.questions import item
 from kbstore.reading.state import State
 from kbstore.record import Applicability, Assertion, Change, Diff, Ended, Explanation, QueryResult, Run, Transaction
 from kbstore.storage.backup import backup
+from kbstore.writing.ingesting import Ingested
 from kbstore.writing.transaction import OpenTransaction
 
 __all__ = [
@@ -86,6 +87,7 @@ __all__ = [
     "Function",
     "HistoryUnavailable",
     "Inequality",
+    "Ingested",
     "Instance",
     "InvalidKnowledge",
     "InvalidTime",

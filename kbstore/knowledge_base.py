@@ -41,6 +41,7 @@ from kbstore.storage import queries
 from kbstore.storage.engine import Database
 from kbstore.storage.repository import Moment, TimelineCache
 from kbstore.storage.transfer import Progress, is_archive
+from kbstore.writing.ingesting import BATCH, Counted, Ingested, ingest
 from kbstore.writing.missions import applicability
 from kbstore.writing.transaction import TOLERANCE, OpenTransaction
 
