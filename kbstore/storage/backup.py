@@ -49,9 +49,13 @@ def _copy_file(database: Database, path: Path, progress: Progress | None) -> Non
 
     # within a transaction all steps copy the same snapshot; without, a writer would make it begin again
     with database.reading() as session, closing(sqlite3.connect(path)) as copied:
-        session.driver.execute("SELECT count(*) FROM sqlite_master").fetchone()
-        session.driver.backup(copied, pages=_PAGES, progress=report)
-        _make_single_file(copied)
+        try:
+            session.driver.execute("SELECT count(*) FROM sqlite_master").fetchone()
+            session.driver.backup(copied, pages=_PAGES, progress=report)
+            _make_single_file(copied)
+        except sqlite3.Error as error:
+            # of the two files it is mostly the new one that has no room
+            raise OSError(str(error)) from error
 
 
 def _copy_rows(database: Database, path: Path, progress: Progress | None) -> None:

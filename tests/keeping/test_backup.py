@@ -137,6 +137,23 @@ def test_nothing_is_overwritten_and_no_half_is_left(url, tmp_path, in_steps):
         kbstore.backup(url, tmp_path / "nowhere" / "copy.db")
 
 
+def test_a_full_disk(tmp_path, monkeypatch):
+    """Where there is no room for the copy, that is said, and nothing is left of it."""
+    kbstore.open(tmp_path / "store.db").close()
+    connecting = sqlite3.connect
+
+    def small(path, **options):
+        connection = connecting(path, **options)
+        if "partial" in str(path):
+            connection.execute("PRAGMA max_page_count = 3")
+        return connection
+
+    monkeypatch.setattr(backing_up.sqlite3, "connect", small)
+    with pytest.raises(StoreUnavailable, match=r"copy\.db: .*full; nothing has been written"):
+        kbstore.backup(tmp_path / "store.db", tmp_path / "copy.db")
+    assert os.listdir(tmp_path) == ["store.db"]
+
+
 def test_there_must_be_a_store(tmp_path):
     """A store that does not exist is not made by backing it up."""
     with pytest.raises(StoreUnavailable, match="there is no store at"):
