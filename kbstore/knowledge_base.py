@@ -497,8 +497,9 @@ class KnowledgeBase:
         The archive is an SQLite file. Opened like a store, ``kbstore.open(path, name)``, it answers as this knowledge
         base would have answered just before that time. Questions here that need what was before are
         `HistoryUnavailable` from then on. A file that has what was archived last is continued, so that one file can
-        hold all of the past; a new file begins where the store's history began. Writers and readers go on meanwhile.
-        Stopped at any moment, it is done again with the same arguments, and finishes.
+        hold all of the past; a new file begins where the store's history began. Readers and writers go on meanwhile,
+        but for the end, when an SQLite file is made smaller (VACUUM): for that writers wait. Stopped at any moment, it
+        is done again with the same arguments, and finishes.
 
         Args:
             before: a time that is not after the latest transaction.
