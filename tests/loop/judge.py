@@ -24,15 +24,15 @@ from kbstore.reading.state import State
 _WORD = re.compile(r"[^\s()]+")
 
 
-def everything(state: State) -> Iterator[str]:
-    """Each fact that holds in a state, each that does not, and each number that is defined."""
+def everything(state: State, *, numbers: bool = True) -> Iterator[str]:
+    """Each fact that holds in a state, each that does not, and each number that is defined unless told not to."""
     assert state.domain is not None
     for signature in state.domain.predicate_signatures.values():
         objects = [sorted({o for t in p.types for o in state.objects(t)}) for p in signature.parameters]
         for arguments in product(*objects):
             atom = f"({' '.join((signature.name, *arguments))})"
             yield atom if state.holds(atom) else f"(not {atom})"
-    for function in state.functions:
+    for function in state.functions if numbers else ():
         assert function.function_value is not None
         yield f"(= {function.atom} {format_number(function.function_value)})"
 
@@ -70,14 +70,16 @@ def with_goal(problem: str, goal: Iterable[str]) -> str:
     return f"{problem[: problem.index('  (:goal')]}  (:goal (and {' '.join(goal)})))"
 
 
-def disagreements(domain: str, problem: str, plan: str, states: Mapping[int, State]) -> list[str]:
+def disagreements(
+    domain: str, problem: str, plan: str, states: Mapping[int, State], *, numbers: bool = True
+) -> list[str]:
     """What the validator says against a plan, and against states at times (in nanoseconds) of the plan."""
     witnesses, lines = [], [plan]
     for number, (at, state) in enumerate(states.items()):
         objects = state.objects()
         variables = [f"?{name}" for name in objects]
         names = dict(zip(map(str.lower, objects), variables, strict=True))
-        said = " ".join(_WORD.sub(partial(_renamed, names), text) for text in everything(state))
+        said = " ".join(_WORD.sub(partial(_renamed, names), text) for text in everything(state, numbers=numbers))
         parameters = " ".join(variables)
         witnesses.append(
             f"(:action witness-{number} :parameters ({parameters}) :precondition (and {said}) :effect (and))"

@@ -1,40 +1,19 @@
 """The validator of the planner Kairos agrees with the store about every state that a plan leads to (O1 to O3)."""
 
 import random
-from collections.abc import Iterator
 from itertools import product
 from typing import Any
 
 import kairos
 import pytest
 
-import kbstore
-from kbstore import KnowledgeBase, ManualClock, seconds
+from kbstore import KnowledgeBase, ManualClock
 from kbstore.clock import SECOND
 from kbstore.interop.plan_text import read_plan
 from kbstore.interop.plans import Happening, Step, execute
 from tests.loop import judge
+from tests.loop.conftest import BEGIN, load
 from tests.loop.walks import walk
-from tests.loop.worlds import WORLDS
-
-BEGIN = seconds(1000)
-
-
-@pytest.fixture
-def clock() -> ManualClock:
-    return ManualClock(BEGIN)
-
-
-@pytest.fixture
-def kb(clock: ManualClock) -> Iterator[KnowledgeBase]:
-    with kbstore.open("sqlite://", "loop", clock=clock) as opened:
-        yield opened
-
-
-def load(kb: KnowledgeBase, world: str, seed: int) -> tuple[str, str]:
-    """A random problem, loaded; the domain and the problem as kbstore writes them."""
-    kb.load(WORLDS[world].domain, WORLDS[world].problem(random.Random(seed)))
-    return kb.domain_to_pddl(), kb.to_pddl()
 
 
 def assert_agreement(kb: KnowledgeBase, texts: tuple[str, str], steps: list[Step]) -> None:

@@ -11,10 +11,10 @@ from kbstore.interop.plans import Happening, Step
 STEP = SECOND // 8
 
 
-def walk(kb: KnowledgeBase, clock: ManualClock, rng: random.Random, length: int) -> list[Step]:
+def walk(kb: KnowledgeBase, clock: ManualClock, rng: random.Random, length: int, *, finish: bool = True) -> list[Step]:
     """Do `length` random actions, several of them at once, each happening at a time of its own.
 
-    Returns what was done, with times from the beginning of the walk; everything that was started has ended.
+    Returns what was done, with times from the beginning of the walk. With `finish`, all that was started has ended.
     """
     begin, busy = clock.now(), {item.initial_time for item in kb.timed_knowledge()}
     done: list[Step] = []
@@ -54,7 +54,8 @@ def walk(kb: KnowledgeBase, clock: ManualClock, rng: random.Random, length: int)
             running[end] = run
             done.append(Step(Happening.START, operator, arguments, t - begin, run.duration))
         length -= 1
-    end_until(max(running, default=t))
+    if finish:
+        end_until(max(running, default=t))
     return done
 
 
