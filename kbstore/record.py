@@ -182,7 +182,8 @@ class Explanation:
     parts: tuple["Explanation", ...] = ()
 
     def __str__(self) -> str:
-        text = f"{self.subject} is {self.truth}: {self.reason}"
+        undefined = self.truth is not Truth.TRUE and self.reason.startswith("undefined function: ")
+        text = f"{self.subject} is {self.reason if undefined else f'{self.truth}: {self.reason}'}"
         if self.since is not None:
             text += f" since {isoformat(self.since)}"
         if self.transaction is not None:

@@ -5,11 +5,14 @@ from decimal import Decimal
 from functools import cache
 from typing import Any, Generic, Self, TypeVar, overload
 
-from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, ValidationError, WrapSerializer, model_validator
 
 from kbstore.errors import InvalidKnowledge, KbStoreError
 
 _Value = TypeVar("_Value")
+
+AS_LIST = WrapSerializer(lambda values, dump: list(dump(values)))
+"""A frozen field of several values, which `model_dump` gives as the list that a ROS message has."""
 
 
 class lazy(Generic[_Value]):

@@ -1,7 +1,13 @@
 """DomainOperator: an operator as the message describes it."""
 
-from kbstore.messages.base import Message
+from typing import Annotated
+
+from kbstore.messages.base import AS_LIST, Message
 from kbstore.messages.formulas import DomainAssignment, DomainFormula, DomainInequality
+
+_DomainFormulas = Annotated[tuple[DomainFormula, ...], AS_LIST]
+_DomainAssignments = Annotated[tuple[DomainAssignment, ...], AS_LIST]
+_DomainInequalities = Annotated[tuple[DomainInequality, ...], AS_LIST]
 
 
 class DomainOperator(Message):
@@ -12,21 +18,21 @@ class DomainOperator(Message):
     """
 
     formula: DomainFormula
-    at_start_add_effects: tuple[DomainFormula, ...] = ()
-    at_start_del_effects: tuple[DomainFormula, ...] = ()
-    at_end_add_effects: tuple[DomainFormula, ...] = ()
-    at_end_del_effects: tuple[DomainFormula, ...] = ()
-    at_start_assign_effects: tuple[DomainAssignment, ...] = ()
-    at_end_assign_effects: tuple[DomainAssignment, ...] = ()
-    at_start_simple_condition: tuple[DomainFormula, ...] = ()
-    over_all_simple_condition: tuple[DomainFormula, ...] = ()
-    at_end_simple_condition: tuple[DomainFormula, ...] = ()
-    at_start_neg_condition: tuple[DomainFormula, ...] = ()
-    over_all_neg_condition: tuple[DomainFormula, ...] = ()
-    at_end_neg_condition: tuple[DomainFormula, ...] = ()
-    at_start_comparison: tuple[DomainInequality, ...] = ()
-    at_end_comparison: tuple[DomainInequality, ...] = ()
-    over_all_comparison: tuple[DomainInequality, ...] = ()
+    at_start_add_effects: _DomainFormulas = ()
+    at_start_del_effects: _DomainFormulas = ()
+    at_end_add_effects: _DomainFormulas = ()
+    at_end_del_effects: _DomainFormulas = ()
+    at_start_assign_effects: _DomainAssignments = ()
+    at_end_assign_effects: _DomainAssignments = ()
+    at_start_simple_condition: _DomainFormulas = ()
+    over_all_simple_condition: _DomainFormulas = ()
+    at_end_simple_condition: _DomainFormulas = ()
+    at_start_neg_condition: _DomainFormulas = ()
+    over_all_neg_condition: _DomainFormulas = ()
+    at_end_neg_condition: _DomainFormulas = ()
+    at_start_comparison: _DomainInequalities = ()
+    at_end_comparison: _DomainInequalities = ()
+    over_all_comparison: _DomainInequalities = ()
 
     @property
     def name(self) -> str:

@@ -6,7 +6,7 @@ from typing import Annotated, Any
 from pydantic import BeforeValidator, model_validator
 
 from kbstore.errors import InvalidKnowledge
-from kbstore.messages.base import Message, format_number
+from kbstore.messages.base import AS_LIST, Message, format_number
 from kbstore.messages.enums import AssignOp, ComparisonType, ExprType, Operator, SpecialType
 
 
@@ -43,7 +43,7 @@ def _read_value(value: Any) -> KeyValue:
     raise InvalidKnowledge(f"a value is a name, a KeyValue or {{'key': label, 'value': name}}, not {value!r:.80}")
 
 
-Values = Annotated[tuple[KeyValue, ...], BeforeValidator(_read_values)]
+Values = Annotated[tuple[KeyValue, ...], BeforeValidator(_read_values), AS_LIST]
 """Arguments with their labels; labels are empty where only names were given."""
 
 
@@ -100,7 +100,7 @@ class ExprBase(Message):
 class ExprComposite(Message):
     """A numeric expression: its tokens in prefix (Polish) order, of any depth."""
 
-    tokens: tuple[ExprBase, ...] = ()
+    tokens: Annotated[tuple[ExprBase, ...], AS_LIST] = ()
 
     @model_validator(mode="after")
     def _check(self) -> "ExprComposite":
