@@ -128,8 +128,8 @@ def answers(kb, since: int, until: int, last: int = 0, *, expected: bool = True)
     times = [t for t in times if since <= t <= until]
     later = [until + seconds(ahead) for ahead in (1, 4, 9, 14)] if expected else []
     found: dict[object, object] = {t: picture(kb.state(at=t)) for t in (*times, *later)}
-    beliefs = times[:: max(1, len(times) // 5)]
-    found |= {(t, b): picture(kb.state(t, b)) for t in (*times[::3], *later) for b in beliefs}
+    beliefs = times[:: max(1, len(times) // 4)]
+    found |= {(t, b): picture(kb.state(t, b)) for t in (*times[::5], *later[1:3]) for b in beliefs}
     latest = changes[-1].transaction if changes else None
     found |= {(t, "latest"): picture(kb.state(t, latest)) for t in times[-1:] if latest}
     end = None if expected else until

@@ -6,7 +6,7 @@ import kbstore
 from kbstore import HistoryUnavailable, ManualClock, seconds
 from tests.keeping.lives import START, answers, live, picture, reasons
 
-STEPS = 40
+STEPS = 32
 
 
 def lived(open_kb, seed, until=None):

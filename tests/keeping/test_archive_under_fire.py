@@ -16,7 +16,7 @@ from kbstore.storage import transfer
 from tests.keeping import processes
 from tests.keeping.lives import START, answers, live, picture
 
-KILLS = int(os.environ.get("KBSTORE_TEST_KILLS", "6"))
+KILLS = int(os.environ.get("KBSTORE_TEST_KILLS", "4"))
 
 BEFORE = START + seconds(12)
 """The time before which history is archived."""
