@@ -306,10 +306,18 @@ class OpenTransaction:
         if replace:
             self.clear()
         if loaded is not None and domain is not None:
-            self.set_domain(loaded)
+            self.set_domain(self._marked(loaded))
         if read is not None:
             self._apply(self._of_problem(read))
         self._is_whole = True
+
+    def _marked(self, domain: Domain) -> Domain:
+        """The domain with the marks of what is sensed that the one before had."""
+        known = self._vocabulary.domain
+        if known is None:
+            return domain
+        symbols = domain.predicate_signatures.keys() | domain.function_signatures.keys()
+        return domain.marked(known.sensed & symbols)
 
     def set_domain(self, domain: Domain) -> None:
         """Another version of the domain; refused if what stands or is scheduled does not fit it (rule D4)."""
@@ -335,9 +343,15 @@ class OpenTransaction:
         for item in (*problem.instances, *problem.init):
             wanted.note(Role.STATE, item)
         wanted.load(self._draft)
-        updates = [self._update(UpdateType.ADD_KNOWLEDGE, item, 0) for item in (*problem.instances, *problem.init)]
-        updates += [self._update(UpdateType.ADD_KNOWLEDGE, item, self.now + offset) for offset, item in problem.timed]
-        updates += [self._update(UpdateType.ADD_GOAL, goal, 0) for goal in problem.goals]
+        add, goal = UpdateType.ADD_KNOWLEDGE, UpdateType.ADD_GOAL
+        updates: list[Update] = []
+        for part, found in (
+            ("instances", [self._update(add, item, 0) for item in problem.instances]),
+            ("init", [self._update(add, item, 0) for item in problem.init]),
+            ("timed", [self._update(add, item, self.now + offset) for offset, item in problem.timed]),
+            ("goals", [self._update(goal, item, 0) for item in problem.goals]),
+        ):
+            updates += [_placed(update, problem, part, index) for index, update in enumerate(found)]
         if problem.metric is not None:
             updates.append(self._update(UpdateType.ADD_METRIC, problem.metric, 0))
         updates += [self._constraint(text) for text in problem.constraints]
@@ -432,6 +446,20 @@ def _failing(knowledge: object, error: KbStoreError) -> Update:
         raise error
 
     return update
+
+
+def _placed(update: Update, problem: Problem, part: str, index: int) -> Update:
+    """An update whose violations tell where in the problem's file it stands (rule D1)."""
+
+    def placed() -> Sequence[str]:
+        violations = update()
+        if violations:
+            line, column = problem.places[part][index]
+            place = f"{problem.source}:{line}:{column}" if problem.source else f"line {line}, column {column}"
+            return [f"{place}: {sentence}" for sentence in violations]
+        return violations
+
+    return placed
 
 
 class _Wanted:
