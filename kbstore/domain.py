@@ -148,7 +148,7 @@ class Domain:
 
     @cached_property
     def _parents(self) -> dict[str, tuple[str, ...]]:
-        return {key(name): _type_keys(parent) for name, parent in self.types.items()}
+        return {key(name): type_keys(parent) for name, parent in self.types.items()}
 
     @cached_property
     def constant_types(self) -> dict[str, str]:
@@ -204,7 +204,7 @@ class Domain:
         return self.operators[self.action(name).name]
 
 
-def _type_keys(type_text: str) -> tuple[str, ...]:
+def type_keys(type_text: str) -> tuple[str, ...]:
     """The keys of the types that a type's text names: one, or those of an ``either``."""
     return tuple(map(key, type_text.strip("()").split()[1:])) if type_text[:1] == "(" else (key(type_text),)
 

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from kbstore.actions import Action
-from kbstore.domain import ROOT_TYPE, DerivedRule, Domain, Signature
+from kbstore.domain import ROOT_TYPE, DerivedRule, Domain, Signature, type_keys
 from kbstore.errors import InvalidKnowledge
 from kbstore.evaluation.rules import strata
 from kbstore.logic import Parameter
@@ -100,21 +100,38 @@ def _types(context: Context, definition: Definition) -> dict[str, str]:
     for name in parents_seen.values():
         if key(name) != ROOT_TYPE and key(name) not in spellings:
             types[name] = ROOT_TYPE
-    _check_cycles(context, section, Domain("", types=types), places)
+    _check_cycles(context, section, types, places)
     return types
 
 
-def _check_cycles(context: Context, section: Group, domain: Domain, places: dict[str, int]) -> None:
-    """Refuse a type that is below itself."""
-    for name, parent in domain.types.items():
-        above = parent.strip("()").split()[1:] if parent[0] == "(" else [parent]
-        if any(key(name) in domain.supertypes(each) for each in above):
-            path = " - ".join([name, *above])
-            raise context.error(
-                f"the type {name} is below itself: {path} - ...; types must not form a cycle",
-                section,
-                places[key(name)],
-            )
+def _check_cycles(context: Context, section: Group, types: dict[str, str], places: dict[str, int]) -> None:
+    """Refuse a type that is below itself: types are taken away as long as nothing is left above them (Kahn, 1962)."""
+    above = {key(name): set(type_keys(parent)) - {ROOT_TYPE} for name, parent in types.items()}
+    below: dict[str, list[str]] = {}
+    for name, parents in above.items():
+        for parent in parents:
+            below.setdefault(parent, []).append(name)
+    free = [name for name, parents in above.items() if not parents]
+    for parent in free:
+        for name in below.get(parent, ()):
+            above[name].discard(parent)
+            if not above[name]:
+                free.append(name)
+    circular = [name for name, parents in above.items() if parents]
+    if circular:
+        # what is left is in a cycle or below one; going up from anywhere leads into one
+        name, path = circular[0], list[str]()
+        while name not in path:
+            path.append(name)
+            name = min(above[name])
+        path = path[path.index(name) :]
+        name = min(path, key=places.__getitem__)
+        shown = path[path.index(name) :] + path[: path.index(name)]
+        raise context.error(
+            f"the type {name} is below itself: {' - '.join([*shown, name])}; types must not form a cycle",
+            section,
+            places[name],
+        )
 
 
 def _constants(context: Context, definition: Definition) -> dict[str, str]:

@@ -116,23 +116,24 @@ def goals_of(condition: Condition, domain: Domain | None = None) -> list[Goal]:
     Raises `InvalidKnowledge` for what no planner can be asked for: that an object exists, or a function is defined.
     """
     items = ItemReader(Context(Source(""), domain))
-    goals: list[Goal] = []
-    for part in conjuncts(condition):
-        positive = part.part if isinstance(part, Not) else part
-        match positive:
-            case Atom():
-                goals.append(fact_of(positive, items.predicate(positive.name), positive is not part))
-            case Comparison():
-                goals.append(items.inequality(positive, positive is not part))
-            case _:
-                for occurrence in walk(part, {}):
-                    if isinstance(occurrence.node, IsA | Defined):
-                        raise InvalidKnowledge(
-                            f"{condition_text(occurrence.node)} can be asked, but is no goal: a goal is about facts "
-                            "and values, not about what exists or is defined"
-                        )
-                goals.append(ConditionMessage(text=condition_text(part)))
-    return goals
+    return [goal_of(part, items) for part in conjuncts(condition)]
+
+
+def goal_of(part: Condition, items: ItemReader) -> Goal:
+    """One part of a goal. Raises `InvalidKnowledge` as `goals_of` does."""
+    positive = part.part if isinstance(part, Not) else part
+    match positive:
+        case Atom():
+            return fact_of(positive, items.predicate(positive.name), positive is not part)
+        case Comparison():
+            return items.inequality(positive, positive is not part)
+    for occurrence in walk(part, {}):
+        if isinstance(occurrence.node, IsA | Defined):
+            raise InvalidKnowledge(
+                f"{condition_text(occurrence.node)} can be asked, but is no goal: a goal is about facts and values, "
+                "not about what exists or is defined"
+            )
+    return ConditionMessage(text=condition_text(part))
 
 
 def to_composite(expression: Expression, domain: Domain | None = None) -> ExprComposite:

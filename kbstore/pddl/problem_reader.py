@@ -10,12 +10,12 @@ from kbstore.errors import InvalidKnowledge, KbStoreError
 from kbstore.messages import Expression, Goal, Instance, KnowledgeType, SpecialType
 from kbstore.names import key
 from kbstore.names import problem as name_problem
-from kbstore.pddl.conditions import ConditionReader
+from kbstore.pddl.conditions import ConditionReader, conjuncts
 from kbstore.pddl.constraints import ConstraintReader
 from kbstore.pddl.context import Context
 from kbstore.pddl.definition import Definition, read_definition
 from kbstore.pddl.domain_reader import object_type, read_requirements
-from kbstore.pddl.forms import goals_of
+from kbstore.pddl.forms import goal_of
 from kbstore.pddl.init_reader import Entry, InitReader
 from kbstore.pddl.item_reader import ItemReader, read_metric
 from kbstore.pddl.sexpr import Group, Source
@@ -32,6 +32,9 @@ _SECTIONS = (
     ":metric",
     ":length",
 )
+
+MAX_VIOLATIONS = 1000
+"""A file in which so much is wrong is not read to its end."""
 
 
 class Places(Sequence[tuple[int, int]]):
@@ -81,13 +84,16 @@ def read_problem(source: str | os.PathLike[str], domain: Domain | None = None) -
 
     Raises:
         PddlSyntaxError: with the place, for what cannot be read, and for a problem of another domain.
-        InvalidKnowledge: for what does not fit the domain or the declared objects; all of it, each with its place.
+        InvalidKnowledge: for what does not fit the domain or the declared objects; all of it (up to
+            `MAX_VIOLATIONS`), each with its place.
     """
     text = Source.open(source)
     violations: list[str] = []
 
     def report(_kind: type[KbStoreError], problem: str, offset: int) -> None:
         violations.append(text.complaint(problem, offset))
+        if len(violations) == MAX_VIOLATIONS:
+            raise InvalidKnowledge(*violations, "there may be more; reading has been given up here")
 
     with without_collection():
         problem = _ProblemReader(Context(text, domain, report=report)).read()
@@ -147,6 +153,7 @@ class _ProblemReader:
         type_names: dict[int, str] = {-1: ROOT_TYPE}
         instances: list[Instance] = []
         offsets: list[int] = []
+        located = context.source.offsets(section) if section else []
         for typed in read_typed_list(context, section, 1):
             name, name_key = typed.name, key(typed.name)
             if typed.types_place not in type_names:
@@ -173,7 +180,7 @@ class _ProblemReader:
                         instance_name=name,
                     )
                 )
-                offsets.append(context.source.offset(section, typed.place))
+                offsets.append(located[typed.place])
         if context.domain is not None:
             context.objects = {**constants, **known}
         return instances, offsets
@@ -188,11 +195,11 @@ class _ProblemReader:
             )
         if len(section) != 2 or not isinstance(section[1], Group):
             raise self.context.error("the goal is one condition in brackets: (:goal (and (p) (q)))", section, 1)
-        reader = ConditionReader(self.context, frozenset())
+        reader, items = ConditionReader(self.context, frozenset()), ItemReader(self.context)
         goals: list[Goal] = []
         offsets: list[int] = []
         for group in reader.groups_of(section[1]) if section[1].word(0) == "and" else [section[1]]:
-            parts = goals_of(reader.read(group), self.context.domain)
+            parts = [goal_of(part, items) for part in conjuncts(reader.read(group))]
             goals += parts
             offsets += [group.start] * len(parts)
         return goals, offsets

@@ -83,10 +83,15 @@ class Source:
         """Where a group begins, or its child of that index; of an index beyond the last, the closing bracket."""
         if index is None or (group.start >= 0 and self._code[group.start] != "("):
             return max(group.start, 0)
+        offsets = self.offsets(group)
+        return offsets[min(index, len(offsets) - 1)]
+
+    def offsets(self, group: Group) -> list[int]:
+        """Where the children of a group begin, and at the end its closing bracket."""
         if self._located is not group:
             # complaints often come in a row for one long group, whose children are located once
             self._located, self._offsets = group, _child_offsets(self._code, group.start)
-        return self._offsets[min(index, len(self._offsets) - 1)]
+        return self._offsets
 
     def error(self, problem: str, offset: int) -> PddlSyntaxError:
         """The refusal of what stands at an offset."""

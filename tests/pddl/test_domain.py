@@ -81,6 +81,12 @@ class TestDeclarations:
         assert domain.is_subtype("d", ["a"])
         assert not domain.is_subtype("a", ["b"])
 
+    def test_long_chain_of_types(self, read):
+        """A chain of many types is read in time that grows with its length."""
+        count = 20_000
+        types = read(f"(:types {' '.join(f't{index} - t{index + 1}' for index in range(count))})").types
+        assert len(types) == count + 1
+
     def test_parent_that_is_not_declared(self, read):
         """A parent that is not declared itself is a type below object, as in IPC's settlers."""
         assert read("(:types truck - vehicle)").types == {"truck": "vehicle", "vehicle": "object"}

@@ -168,12 +168,21 @@ def test_variables_without_a_domain():
 
 def test_many_violations():
     """Many violations in one long line are found in time that grows with their number."""
-    facts = " ".join(f"(open x{index})" for index in range(5000))
-    objects = " ".join(f"y{index} - nothing" for index in range(5000))
+    facts = " ".join(f"(open x{index})" for index in range(400))
+    objects = " ".join(f"y{index} - nothing" for index in range(400))
     text = f"(define (problem p) (:domain rooms) (:objects {objects}) (:init {facts}) (:goal ()))"
     with pytest.raises(InvalidKnowledge) as caught:
         read_problem(text, DOMAIN)
-    assert len(caught.value.violations) == 10_000
+    assert len(caught.value.violations) == 800
+
+
+def test_too_many_violations():
+    """A file in which very much is wrong is not read to its end, and the refusal says so."""
+    text = f"(define (problem p) (:domain rooms) (:init {'(closed) ' * 5000}) (:goal ()))"
+    with pytest.raises(InvalidKnowledge) as caught:
+        read_problem(text, DOMAIN)
+    assert len(caught.value.violations) == 1001
+    assert "there may be more" in caught.value.violations[-1]
 
 
 @pytest.mark.parametrize("opening", ["(", "(not ", "(at 5 ", "(= ", "(or "])
