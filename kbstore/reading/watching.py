@@ -24,8 +24,10 @@ class Watch:
         self._timeout = timeout
 
     def changes(self, after: int | Change | None) -> Iterator[Change]:
-        """The changes after one, waiting for more."""
-        last, seen = self._begin(after)
+        """The changes after one, waiting for more; of none, after the latest at the time of this call."""
+        return self._follow(*self._begin(after))
+
+    def _follow(self, last: Transaction, seen: int) -> Iterator[Change]:
         quiet_since = _time.monotonic()
         while True:
             with self._reader.repository() as repository:
