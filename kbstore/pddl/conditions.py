@@ -65,15 +65,14 @@ class ConditionReader:
         """
         if depth > MAX_DEPTH:
             raise self.context.error(f"conditions nested deeper than {MAX_DEPTH} levels cannot be read", group)
-        negative = False
-        while group.word(0) == "not" and not self.is_atom(group):
+        negative, word = False, group.word(0)
+        while word == "not" and not self.is_atom(group):
             group = self._only_group(group)
-            negative = not negative
+            negative, word = not negative, group.word(0)
         if negative:
             return Not(self.read(group, variables, depth + 1))
         if not group:
             return Truism()
-        word = group.word(0)
         if word not in _WORDS or self.is_atom(group):
             return self._atom(group, variables)
         match word:
@@ -165,15 +164,17 @@ class ConditionReader:
 
     def _atom(self, group: Group, variables: Variables) -> Condition:
         context = self.context
-        group = context.unglued(group)
         name = context.name(group, 0, "predicate")
-        if len(group) == 3 and group[1] == "-" and isinstance(group[2], str) and context.patterns:
+        if context.patterns and len(group) == 3 and group[1] == "-" and isinstance(group[2], str):
             return IsA(name, context.type_name(group[2], group, 2))
+        if context.is_predicate(name):
+            return context.atom(group, context.predicate(name, group), variables)
         if context.patterns and context.is_function(name):
             return Defined(read_function(context, group, variables, wildcards=True))
-        if (name.lower(), group.word(1)) in _TIMED and not context.is_predicate(name):
+        if (name.lower(), group.word(1)) in _TIMED:
             raise context.error(f"({name} {group[1]} ...) belongs to durative actions", group)
-        return context.atom(group, context.predicate(name, group), variables)
+        split = context.unglued(group)
+        return context.atom(split, context.predicate(str(split[0]), split), variables)
 
     def _imply(self, group: Group, variables: Variables, depth: int) -> Condition:
         if len(group) != 3 or not isinstance(group[1], Group) or not isinstance(group[2], Group):

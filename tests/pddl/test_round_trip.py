@@ -1,6 +1,6 @@
 """What is written is read back equal."""
 
-from hypothesis import given
+from hypothesis import given, settings
 
 from kbstore.logic import Add, Atom, Change, Delete, Forall, ForEach, Parameter, When
 from kbstore.messages import AssignOp, Function
@@ -16,6 +16,7 @@ def shape(expression):
     return [(type(token), token, repr(token)) for token in expression]
 
 
+@settings(deadline=None)
 @given(strategies.expressions())
 def test_expressions(expression):
     """Expressions survive their text, and their message, to the last bit of each number."""
@@ -24,6 +25,7 @@ def test_expressions(expression):
     assert str(to_composite(expression)) == expression_text(expression)
 
 
+@settings(deadline=None)
 @given(strategies.conditions())
 def test_conditions(condition):
     """Conditions survive their text, which is canonical."""
@@ -34,12 +36,14 @@ def test_conditions(condition):
     assert node_text(Source(text).read()) == text
 
 
+@settings(deadline=None)
 @given(strategies.facts | strategies.instances)
 def test_items(item):
     """Facts and objects survive their text."""
     assert parse_item(str(item)) == item
 
 
+@settings(deadline=None)
 @given(strategies.functions)
 def test_functions(item):
     """Values, changes and rates survive their text."""
@@ -49,6 +53,7 @@ def test_functions(item):
     assert repr(found.function_value) == repr(item.function_value)
 
 
+@settings(deadline=None)
 @given(strategies.comparisons())
 def test_inequalities(comparison):
     """Comparisons are items that survive their text."""
