@@ -1,0 +1,58 @@
+"""The reference is what the docstrings say now, and every example in a docstring is so."""
+
+import doctest
+import importlib
+import importlib.util
+import pkgutil
+
+import pytest
+
+import kbstore
+from kbstore.cli.app import COMMANDS, db, goal
+from tests.docs.blocks import ROOT
+
+MODULES = sorted(
+    module.name
+    for module in pkgutil.walk_packages(kbstore.__path__, "kbstore.")
+    if not module.name.endswith("__main__") and ".migrations" not in module.name
+)
+
+
+@pytest.fixture(scope="module")
+def reference():
+    """The script that writes the page."""
+    spec = importlib.util.spec_from_file_location("reference", ROOT / "docs" / "reference.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_every_public_name_is_in_the_reference(reference):
+    """Each name of `kbstore.__all__` has a heading of its own, and a docstring."""
+    listed = [name for names in reference.groups().values() for name in names]
+    assert sorted(listed) == sorted({*kbstore.__all__, *reference.NOT_EXPORTED})
+    assert len(listed) == len(set(listed))
+
+
+def test_the_reference_is_up_to_date(reference):
+    """The page is what the docstrings give; if not, run: python docs/reference.py."""
+    assert (ROOT / "docs" / "reference.md").read_text(encoding="utf-8") == reference.page()
+
+
+def test_every_command_is_documented():
+    """docs/command-line.md names each command with its group, and each option of a command's own."""
+    page = (ROOT / "docs" / "command-line.md").read_text(encoding="utf-8")
+    prefixes = {id(goal): "goal ", id(db): "db "}
+    for group, _, functions in COMMANDS:
+        for name in functions:
+            assert f"`kbstore {prefixes.get(id(group), '')}{name}" in page
+
+
+@pytest.mark.parametrize("name", MODULES)
+def test_examples_in_docstrings(name):
+    """Every example in a docstring gives what it says."""
+    try:
+        module = importlib.import_module(name)
+    except ModuleNotFoundError as error:
+        pytest.fail(f"{name} needs {error.name}, which the extra dev should bring")
+    assert doctest.testmod(module).failed == 0
