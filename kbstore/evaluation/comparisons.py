@@ -186,14 +186,15 @@ def _not_linear(numbers: Numbers, span: Span) -> NotLinear:
 
 def _common_pieces(pieces_of: Mapping[Atom, Pieces], span: Span) -> Iterator[tuple[int, int, dict[Atom, Number]]]:
     """The maximal pieces in which each function has one and the same number; the dictionary is the same each time."""
-    steps: list[tuple[int, int, Atom, Number | None]] = []
+    steps: list[tuple[int, Atom, Number | None]] = []
     for function, pieces in pieces_of.items():
         for start, end, number_there in pieces:
-            steps += [(end, 0, function, None), (start, 1, function, number_there)]
-    steps.sort(key=itemgetter(0, 1))  # what ends goes before what starts at the same time
+            steps += [(end, function, None), (start, function, number_there)]
+    # a stable sort: where pieces of one function meet, the end of the former stays before the start of the latter
+    steps.sort(key=itemgetter(0))
     numbers: dict[Atom, Number] = {}
     now = span[0]
-    for t, _, function, step in steps:
+    for t, function, step in steps:
         if t > now:
             if len(numbers) == len(pieces_of):
                 yield now, t, numbers

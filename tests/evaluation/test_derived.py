@@ -123,6 +123,22 @@ def test_v7_a_wildcard_matches_what_exists_only() -> None:
         assert when.intervals(wild, course) == []
 
 
+def test_v9_derived_predicates_change_when_objects_come_and_go() -> None:
+    """V9, Q4: with the objects of heads, of quantifiers and of wildcards, and with those that a rule names."""
+    about = domain(
+        rule("p x:node", Truism()),
+        rule("some", exists("x:leaf", Truism())),
+        rule("quiet", Not(Atom("marked", ("?",)))),
+        rule("strange", Atom("p", ("c",))),
+    )
+    objects = {"a": [(0, 100, "node")], "b": [(10, 30, "leaf")], "c": [(40, 50, "object")]}
+    course = History((0, 100), about, objects=objects, facts={"marked a": [(0, 100, False)]}, use_unknowns=True)
+    assert when.intervals(Atom("p", ("b",)), course) == [(10, 30)]
+    assert when.intervals(Atom("some"), course) == [(10, 30)]
+    assert when.truths(Atom("quiet"), course) == [(0, 10, T), (10, 30, U), (30, 100, T)]
+    assert when.truths(Atom("strange"), course) == [(0, 40, U), (40, 50, F), (50, 100, U)]
+
+
 def test_v9_a_comparison_without_a_value_makes_unknown() -> None:
     """V9, V5: in a closed world, too, what depends on an undefined function is unknown."""
     cheap = Comparison(ComparisonType.LESS, (Atom("cost", ("?x",)),), (5.0,))
