@@ -1,6 +1,7 @@
 """``python -m benchmarks``: one run, one table."""
 
 import argparse
+import os
 import tempfile
 import time
 from pathlib import Path
@@ -8,7 +9,8 @@ from pathlib import Path
 from rich.console import Console
 
 from benchmarks import courses, loads, points, states, writes
-from benchmarks.report import Result, show
+from benchmarks.peers import comparing
+from benchmarks.report import Missing, Result, show
 from benchmarks.settings import Settings
 
 _PARTS = {
@@ -17,6 +19,7 @@ _PARTS = {
     "writes": writes.measure,
     "loads": loads.measure,
     "when": courses.measure,
+    "peers": comparing.measure,
 }
 
 
@@ -25,21 +28,40 @@ def main() -> None:
     arguments = _arguments()
     console = Console(width=None if Console().is_terminal else 140)
     began = time.monotonic()
-    results: list[Result] = []
+    results: list[Result | Missing] = []
     with tempfile.TemporaryDirectory(prefix="kbstore-bench-", dir=arguments.directory) as directory:
         settings = _settings(Path(directory), quick=arguments.quick, size=arguments.size)
         for name in arguments.only or _PARTS:
             for result in _PARTS[name](settings):
-                console.print(f"{time.monotonic() - began:5.0f} s  {result.what}: {result.ratio:.2f}")
+                told = result.why if isinstance(result, Missing) else f"{result.ratio:.2f} of {result.with_what}"
+                console.print(f"{time.monotonic() - began:5.0f} s  {result.what}: {told}")
                 results.append(result)
     show(results, console)
+    loads_now = ", ".join(f"{load:.1f}" for load in os.getloadavg())
+    console.print(f"{time.monotonic() - began:.0f} s; {os.cpu_count()} cores, load averages at the end {loads_now}")
 
 
 def _settings(directory: Path, *, quick: bool, size: int | None) -> Settings:
     if quick:
-        return Settings(directory, size or 20_000, 5_000, (1_000, 10_000), (10, 1_000, 10_000), 0.2)
+        return Settings(
+            directory,
+            size=size or 20_000,
+            bulk=5_000,
+            init=(1_000, 10_000),
+            intervals=(10, 1_000, 10_000),
+            seconds=0.2,
+            peers=10_000,
+            peers_bulk=1_000,
+        )
     return Settings(
-        directory, size or 1_000_000, 50_000, (1_000, 10_000, 100_000), (10, 100, 1_000, 10_000, 100_000), 1.0
+        directory,
+        size=size or 1_000_000,
+        bulk=50_000,
+        init=(1_000, 10_000, 100_000),
+        intervals=(10, 100, 1_000, 10_000, 100_000),
+        seconds=1.0,
+        peers=100_000,
+        peers_bulk=10_000,
     )
 
 

@@ -1,5 +1,6 @@
 """What was measured, as one table."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from rich.console import Console
@@ -38,12 +39,23 @@ class Result:
         return "yes" if self.ratio <= self.bar else "NO"
 
 
-def show(results: list[Result], console: Console) -> None:
+@dataclass(frozen=True)
+class Missing:
+    """What could not be measured here, and why."""
+
+    what: str
+    why: str
+
+
+def show(results: Sequence[Result | Missing], console: Console) -> None:
     """Print the table."""
     table = Table(title="kbstore, side by side with others: medians of one run")
     for heading in ("what", "against", "kbstore", "other", "ratio", "bar", "met"):
         table.add_column(heading, justify="left" if heading in ("what", "against") else "right", overflow="fold")
     for result in results:
+        if isinstance(result, Missing):
+            table.add_row(result.what, result.why)
+            continue
         table.add_row(
             result.what,
             result.with_what,

@@ -20,6 +20,8 @@ class Settings:
         init: init facts of the problems that are loaded.
         intervals: lengths of the history of the fact that `when` is asked about.
         seconds: how long each comparison goes on.
+        peers: assertions in the histories that peers are told.
+        peers_bulk: facts in a bulk update that peers do, too.
     """
 
     directory: Path
@@ -28,6 +30,8 @@ class Settings:
     init: tuple[int, ...]
     intervals: tuple[int, ...]
     seconds: float
+    peers: int
+    peers_bulk: int
 
     def new(self, name: str) -> Path:
         """A path in the directory at which no database is."""
