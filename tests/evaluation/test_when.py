@@ -188,6 +188,7 @@ def test_v4_quantifiers_over_time_in_an_open_world() -> None:
     assert when.truths(exists("d:dock", free), course) == [
         (0, 20, U), (20, 40, F), (40, 50, T), (50, 60, U), (60, 90, T), (90, 100, U),
     ]  # fmt: skip
+    assert when.truths(exists("d:dock", free), history(unknowns=True)) == [(0, 100, U)]
     assert when.truths(forall("d:dock", free), course) == [
         (0, 10, U), (10, 60, F), (60, 80, U), (80, 90, T), (90, 100, U),
     ]  # fmt: skip
