@@ -8,7 +8,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from benchmarks import courses, loads, points, states, writes
+from benchmarks import courses, growth, loads, memory, points, postgresql, sizes, states, writes
 from benchmarks.peers import comparing
 from benchmarks.report import Missing, Result, show
 from benchmarks.settings import Settings
@@ -19,6 +19,10 @@ _PARTS = {
     "writes": writes.measure,
     "loads": loads.measure,
     "when": courses.measure,
+    "growth": growth.measure,
+    "sizes": sizes.measure,
+    "memory": memory.measure,
+    "postgresql": postgresql.measure,
     "peers": comparing.measure,
 }
 
@@ -30,7 +34,7 @@ def main() -> None:
     began = time.monotonic()
     results: list[Result | Missing] = []
     with tempfile.TemporaryDirectory(prefix="kbstore-bench-", dir=arguments.directory) as directory:
-        settings = _settings(Path(directory), quick=arguments.quick, size=arguments.size)
+        settings = _settings(Path(directory), arguments)
         for name in arguments.only or _PARTS:
             for result in _PARTS[name](settings):
                 told = result.why if isinstance(result, Missing) else f"{result.ratio:.2f} of {result.with_what}"
@@ -41,27 +45,31 @@ def main() -> None:
     console.print(f"{time.monotonic() - began:.0f} s; {os.cpu_count()} cores, load averages at the end {loads_now}")
 
 
-def _settings(directory: Path, *, quick: bool, size: int | None) -> Settings:
-    if quick:
+def _settings(directory: Path, arguments: argparse.Namespace) -> Settings:
+    if arguments.quick:
         return Settings(
             directory,
-            size=size or 20_000,
+            size=arguments.size or 20_000,
             bulk=5_000,
             init=(1_000, 10_000),
             intervals=(10, 1_000, 10_000),
             seconds=0.2,
             peers=10_000,
             peers_bulk=1_000,
+            grown=(2_000, 20_000),
+            postgresql=arguments.postgresql,
         )
     return Settings(
         directory,
-        size=size or 1_000_000,
+        size=arguments.size or 1_000_000,
         bulk=50_000,
         init=(1_000, 10_000, 100_000),
         intervals=(10, 100, 1_000, 10_000, 100_000),
         seconds=1.0,
         peers=100_000,
         peers_bulk=10_000,
+        grown=(10_000, 100_000, 1_000_000, *((10_000_000,) if arguments.large else ())),
+        postgresql=arguments.postgresql,
     )
 
 
@@ -69,6 +77,10 @@ def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
     parser.add_argument("--quick", action="store_true", help="small sizes, less than a minute")
     parser.add_argument("--size", type=int, help="assertions in the histories that are asked about")
+    parser.add_argument(
+        "--large", action="store_true", help="growth up to ten million assertions (10 GB, half an hour)"
+    )
+    parser.add_argument("--postgresql", metavar="URL", help="a server to measure on; one is started if none is named")
     parser.add_argument("--directory", type=Path, help="where to make the stores (they are removed afterwards)")
     parser.add_argument("--only", nargs="+", choices=_PARTS, help="only these parts")
     return parser.parse_args()

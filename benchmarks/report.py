@@ -49,7 +49,7 @@ class Missing:
 
 def show(results: Sequence[Result | Missing], console: Console) -> None:
     """Print the table."""
-    table = Table(title="kbstore, side by side with others: medians of one run")
+    table = Table(title="kbstore, side by side with others: lower quartiles of one run")
     for heading in ("what", "against", "kbstore", "other", "ratio", "bar", "met"):
         table.add_column(heading, justify="left" if heading in ("what", "against") else "right", overflow="fold")
     for result in results:

@@ -22,6 +22,8 @@ class Settings:
         seconds: how long each comparison goes on.
         peers: assertions in the histories that peers are told.
         peers_bulk: facts in a bulk update that peers do, too.
+        grown: sizes of the histories that show growth; also how many items are ingested while memory is watched.
+        postgresql: the URL of a server; None to start one.
     """
 
     directory: Path
@@ -32,6 +34,8 @@ class Settings:
     seconds: float
     peers: int
     peers_bulk: int
+    grown: tuple[int, ...]
+    postgresql: str | None
 
     def new(self, name: str) -> Path:
         """A path in the directory at which no database is."""
