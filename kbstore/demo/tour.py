@@ -121,19 +121,24 @@ def present(kb: KnowledgeBase, file: Path, console: Console) -> None:
     moments = Moments(kb.now(), brief=True)
     console.print(Text.assemble(("kbstore: a knowledge base that remembers", TITLE), "\n"))
     console.print(
-        "Kenny, a porter robot, is to bring two parcels to the laboratory on the morning of 2026-05-04. One is\n"
-        "withdrawn, and a fire alarm closes the door in front of it. What its knowledge base was told, one line\n"
-        "a transaction:\n"
+        "Kenny, a porter robot, is to bring two parcels to the laboratory on the morning of 2026-05-04. One is "
+        "withdrawn, and a fire alarm closes the door in front of it. What its knowledge base was told, one line a "
+        "transaction:\n"
     )
     show(console, records.log_table((change.transaction for change in kb.changes()), moments))
     for number, answer in enumerate(tour(kb), 1):
         console.print()
-        show(console, Rule(Text(f"{number}. {answer.question}", TITLE), align="left", style=DIM))
+        heading(f"{number}. {answer.question}", console)
         console.print(Text(f">>> {answer.code}", DIM))
         show(console, Padding(answer.shown, (1, 0, 0, 2)))
     console.print()
-    show(console, Rule(Text("The file is yours to explore", TITLE), align="left", style=DIM))
+    heading("The file is yours to explore", console)
     closing_words(file, console)
+
+
+def heading(text: str, console: Console) -> None:
+    """A line across, and a title that may be folded."""
+    show(console, Rule(style=DIM), Text(text, TITLE))
 
 
 def closing_words(file: Path, console: Console) -> None:

@@ -1,27 +1,73 @@
-"""The one look of all tables: a heading, a line, aligned columns, nothing cut off."""
+"""The one look of all tables: a heading, a line, aligned columns; on a narrow terminal, lines; nothing cut off."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Sequence
 
 from rich import box
-from rich.console import Console, Group, RenderableType
+from rich.cells import cell_len
+from rich.console import Console, ConsoleOptions, Group, JustifyMethod, RenderableType, RenderResult
+from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
 Cell = str | Text
 
+_GAP = 3
+"""Between two columns."""
+
+_NARROWEST = 20
+"""To how many characters the widest column of a table may be folded."""
+
 TITLE, DIM, FALSE, SCHEDULED, NUMBER = "bold", "dim", "red", "cyan", "green"
 """Styles by what they mean; what they say must be in the words, too, as colours are for terminals only."""
 
 
-def table(title: str, headings: Iterable[str], rows: Iterable[Iterable[Cell]]) -> RenderableType:
-    """A table with a title; headings that begin with ``>`` are of columns set to the right."""
-    grid = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False, header_style=DIM)
-    for heading in headings:
-        right = heading.startswith(">")
-        grid.add_column(heading.removeprefix(">"), justify="right" if right else "left", overflow="fold")
-    for row in rows:
-        grid.add_row(*(cell if isinstance(cell, Text) else Text(cell) for cell in row))
-    return Group(Text(title, TITLE), grid) if title else grid
+class _Rows:
+    """Rows under headings, as wide as there is room for: as a table, or each row on lines of its own."""
+
+    def __init__(self, headings: Sequence[str], rows: Sequence[Sequence[Text]]) -> None:
+        self._headings = headings
+        self._rows = rows
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        widths = [
+            max(cell_len(heading.removeprefix(">")), *(cell.cell_len for cell in column), 0)
+            for heading, column in zip(self._headings, zip(*self._rows, strict=True), strict=True)
+        ]
+        widest = max(widths)
+        narrowest = sum(widths) - widest + min(widest, _NARROWEST) + _GAP * (len(widths) - 1)
+        if narrowest <= options.max_width:
+            yield self._table(folded=widths.index(widest))
+        else:
+            yield from self._stacked()
+
+    def _table(self, folded: int) -> Table:
+        """Columns; only one is folded, if need be."""
+        grid = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False, header_style=DIM)
+        for index, heading in enumerate(self._headings):
+            right = heading.startswith(">")
+            justify: JustifyMethod = "right" if right else "left"
+            grid.add_column(heading.removeprefix(">"), justify=justify, overflow="fold", no_wrap=index != folded)
+        for row in self._rows:
+            grid.add_row(*row)
+        return grid
+
+    def _stacked(self) -> Iterator[RenderableType]:
+        """The first cell on a line, and below it the others that say something, each after its heading."""
+        for first, *others in self._rows:
+            yield first
+            line = Text()
+            for heading, cell in zip(self._headings[1:], others, strict=True):
+                if cell:
+                    line.append(", " if line else "").append(heading.removeprefix(">"), DIM)
+                    line.append(" " if heading else "").append_text(cell)
+            yield Padding(line, (0, 0, 0, 4), expand=False)
+
+
+def table(title: str, headings: Sequence[str], rows: Iterable[Iterable[Cell]]) -> RenderableType:
+    """Rows with a title; headings that begin with ``>`` are of columns set to the right."""
+    texts = [[cell if isinstance(cell, Text) else Text(cell) for cell in row] for row in rows]
+    shown = _Rows(headings, texts)
+    return Group(Text(title, TITLE), shown) if title else shown
 
 
 def sections(*found: RenderableType | None) -> Group:
