@@ -41,7 +41,7 @@ _TRANSACTION = "SELECT number, recorded_time, changes, client, note FROM transac
 
 transactions_between = Statement(_TRANSACTION + " AND number > :after AND number <= :upto ORDER BY number")
 
-transactions_numbered = Statement(_TRANSACTION + " AND number IN (SELECT value FROM EACH(numbers AS bigint))")
+transactions_numbered = Statement(_TRANSACTION + " AND AMONG(number, numbers)")
 
 last_transaction_at = Statement(
     "SELECT number FROM transactions WHERE kb_id = :kb AND number >= :number AND recorded_time = :time"
@@ -72,9 +72,9 @@ put_symbol = Statement(
 
 _TIMELINE = "SELECT id, role, knowledge_type, key, spelling FROM timelines WHERE kb_id = :kb"
 
+# by their numbers, whatever the planners think of the index that begins with the knowledge base
 timelines_by_id = Statement(
-    "SELECT t.id, t.role, t.knowledge_type, t.key, t.spelling"
-    " FROM EACH(ids AS bigint) CROSS JOIN timelines t WHERE t.id = value AND t.kb_id = :kb"
+    "SELECT id, role, knowledge_type, key, spelling FROM timelines WHERE AMONG(id, ids) AND +kb_id = :kb"
 )
 
 timelines_by_key = Statement(
@@ -92,8 +92,8 @@ timelines_of_kind = Statement(_TIMELINE + " AND role = :role AND knowledge_type 
 
 timelines_mentioning = Statement(
     "SELECT t.id, t.role, t.knowledge_type, t.key, t.spelling"
-    " FROM EACH(ids AS bigint) CROSS JOIN mentions m CROSS JOIN timelines t"
-    " WHERE m.kb_id = :kb AND m.object_id = value AND t.id = m.timeline_id"
+    " FROM mentions m CROSS JOIN timelines t"
+    " WHERE m.kb_id = :kb AND AMONG(m.object_id, ids) AND t.id = m.timeline_id"
 )
 
 add_timeline = Statement(
@@ -109,11 +109,16 @@ add_mention = Statement(
 
 def _in_tree(table: str, columns: str, also: str = "") -> str:
     """What stands at :t: intervals kept left of it, right of it, and those that are open."""
-    source = f"SELECT {columns} FROM {table} WHERE kb_id = :kb"
-    return (
-        f"{source} AND AMONG(node, right) AND initial_time <= :t{also}"
-        f" UNION ALL {source} AND AMONG(node, left) AND end_time > :t{also}"
-        f" UNION ALL {source} AND end_time = {OPEN} AND initial_time <= :t{also}"
+
+    def branch(index: str, where: str) -> str:
+        return f"SELECT {columns} FROM {table} BY(ix_{table}_{index}) WHERE kb_id = :kb AND {where}{also}"
+
+    return " UNION ALL ".join(
+        (
+            branch("left", "AMONG(node, right) AND initial_time <= :t"),
+            branch("right", "AMONG(node, left) AND end_time > :t"),
+            branch("open", f"end_time = {OPEN} AND initial_time <= :t"),
+        )
     )
 
 
@@ -167,7 +172,7 @@ class AssertionQueries:
         """What stood at :t after the transaction :number, when :latest is the last transaction of that time."""
 
         pending = (
-            f"SELECT {standing} FROM {table} WHERE {kb} AND AMONG(pending_node, path)"
+            f"SELECT {standing} FROM {table} BY(ix_{table}_pending) WHERE {kb} AND AMONG(pending_node, path)"
             " AND recorded_time <= :t AND initial_time > :t AND (cancelled_time IS NULL OR cancelled_time > :t)"
         )
         self.pending = Statement(pending)
@@ -190,10 +195,15 @@ class AssertionQueries:
             f"SELECT max(g.initial_time) FROM {table} g WHERE g.{kb} AND g.timeline_id = value"
             " AND g.initial_time <= :t AND g.end_time > g.initial_time"
         )
+        live = f"SELECT {', '.join('f.' + column for column in stored.split(', '))}"
+        on_timeline = (
+            f"{table} f WHERE f.{kb} AND f.timeline_id = value AND f.end_time > f.initial_time"
+            f" AND f.initial_time >= coalesce(({latest}), 0)"
+        )
         self.live = Statement(
-            f"SELECT {', '.join('f.' + column for column in stored.split(', '))}"
-            f" FROM EACH(ids AS bigint) CROSS JOIN {table} f WHERE f.{kb} AND f.timeline_id = value"
-            f" AND f.end_time > f.initial_time AND f.initial_time >= coalesce(({latest}), 0)"
+            f"{live} FROM EACH(ids AS bigint) CROSS JOIN {on_timeline}",
+            # while the table is small, PostgreSQL would plan a join that reads all of it, and go on with that plan
+            f"SELECT f.* FROM EACH(ids AS bigint) CROSS JOIN LATERAL ({live} FROM {on_timeline} OFFSET 0) f",
         )
         """For each timeline the latest row that is not after :t, ended or not, and all that lie ahead of :t."""
 
@@ -217,10 +227,10 @@ class AssertionQueries:
 
         self.history = Statement(
             f"SELECT {recorded} FROM {table} WHERE {kb}"
-            " AND timeline_id IN (SELECT value FROM EACH(ids AS bigint)) AND end_time > initial_time"
+            " AND AMONG(timeline_id, ids) AND end_time > initial_time"
             " AND initial_time < :until AND initial_time >= :first"
             f" UNION ALL SELECT {recorded} FROM {table} WHERE {kb}"
-            " AND timeline_id IN (SELECT value FROM EACH(ids AS bigint)) AND end_time <= initial_time"
+            " AND AMONG(timeline_id, ids) AND end_time <= initial_time"
             " AND initial_time < :until AND initial_time >= :first"
         )
         """All rows of some timelines that begin in [:first, :until), those of no length and cancelled ones included."""
@@ -272,23 +282,24 @@ settle_rate = Statement("UPDATE functions SET rate = :rate WHERE id = :id AND kb
 # -- runs -----------------------------------------------------------------------------------------------------
 
 _RUN = "SELECT number, operator, arguments, initial_time, duration FROM runs WHERE kb_id = :kb"
+_RUN_IN_TREE = _RUN.replace(" WHERE", " BY(ix_runs_node) WHERE")
 
 running = Statement(
-    f"{_RUN} AND AMONG(node, right) AND initial_time <= :t"
-    f" UNION ALL {_RUN} AND AMONG(node, left) AND end_time > :t"
+    f"{_RUN_IN_TREE} AND AMONG(node, right) AND initial_time <= :t"
+    f" UNION ALL {_RUN_IN_TREE} AND AMONG(node, left) AND end_time > :t"
     f" UNION ALL {_RUN} AND end_time = {OPEN} AND initial_time <= :t"
 )
 
 running_as_of = Statement(
-    f"{_RUN} AND AMONG(node, right) AND initial_time <= :t AND recorded_tx <= :number"
-    f" UNION ALL {_RUN} AND AMONG(node, left) AND end_time > :t AND recorded_tx <= :number"
+    f"{_RUN_IN_TREE} AND AMONG(node, right) AND initial_time <= :t AND recorded_tx <= :number"
+    f" UNION ALL {_RUN_IN_TREE} AND AMONG(node, left) AND end_time > :t AND recorded_tx <= :number"
     f" UNION ALL {_RUN} AND end_time = {OPEN} AND initial_time <= :t AND recorded_tx <= :number"
     f" UNION ALL {_RUN} AND ended_tx > :number AND end_time = :t AND initial_time <= :t AND recorded_tx <= :number"
 )
 
 run_rates = Statement(
     "SELECT run_number, timeline_id, rate FROM run_rates WHERE kb_id = :kb"
-    " AND run_number IN (SELECT value FROM EACH(numbers AS bigint)) ORDER BY run_number"
+    " AND AMONG(run_number, numbers) ORDER BY run_number"
 )
 
 add_run = Statement(
