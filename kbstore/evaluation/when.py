@@ -49,6 +49,12 @@ def intervals(
     return Intervals((start, end) for start, end, truth in pieces if truth is Truth.TRUE)
 
 
+def unchecked_intervals(condition: Condition, course: Course) -> Intervals:
+    """The same where the domain does not know all of the symbols, which say nothing then (rule D4)."""
+    pieces = tracks.pieces(Tracks(course).of(condition, {}), course.span)
+    return Intervals((start, end) for start, end, truth in pieces if truth is Truth.TRUE)
+
+
 def truths(
     condition: Condition, course: Course, bindings: Mapping[str, str] = {}, *, duration: float | None = None
 ) -> list[tuple[int, int, Truth]]:

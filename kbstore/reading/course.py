@@ -13,7 +13,9 @@ from kbstore.errors import UnknownSymbol
 from kbstore.evaluation.interpretation import Arguments, Number, Span
 from kbstore.evaluation.intervals import Intervals, merged
 from kbstore.evaluation.snapshot import is_of
-from kbstore.evaluation.when import intervals
+from kbstore.evaluation.wellformed import check
+from kbstore.evaluation.when import intervals, unchecked_intervals
+from kbstore.logic import Condition
 from kbstore.messages import KnowledgeType
 from kbstore.names import key
 from kbstore.planning.projection import Event
@@ -182,26 +184,40 @@ class StoredCourse:
 def when_true(reader: Reader, history: History, condition: Question, first: int, last: int) -> Intervals:
     """The maximal intervals in ``[first, last)`` in which a condition is true (rule Q4).
 
-    Each version of the domain counts for its part of the span; a symbol must be known to one of them (rule D4).
+    Each version of the domain counts for its part of the span; a symbol must be known to one of them (rule D4), and
+    says nothing where it is not.
     """
     found: list[Span] = []
-    refusal: UnknownSymbol | None = None
-    answered = False
     with reader.repository() as repository:
         place = reader.place(repository)
         for asked in (first, max(first, last - 1)):
             reader.refuse_archived(asked, place.head)
-        for start, end, vocabulary in _vocabularies(reader, repository, place, first, last):
+        parts = list(_vocabularies(reader, repository, place, first, last))
+        formula = _formula(condition, [vocabulary for _, _, vocabulary in parts])
+        for start, end, vocabulary in parts:
             course = StoredCourse(reader, history, repository, place, (start, end), vocabulary.domain)
             try:
-                found += intervals(as_condition(condition, vocabulary), course)
-                # before the first domain everything can be said, which does not make a symbol known
-                answered = answered or vocabulary.domain is not None
-            except UnknownSymbol as error:
-                refusal = refusal or error
-    if refusal is not None and not answered:
-        raise refusal
+                found += intervals(formula, course)
+            except UnknownSymbol:
+                found += unchecked_intervals(formula, course)
     return merged(found)
+
+
+def _formula(condition: Question, vocabularies: Sequence[Vocabulary]) -> Condition:
+    """The condition as the latest version of the domain reads it that knows its symbols."""
+    # before the first domain everything can be said, which does not make a symbol known
+    declared = [vocabulary for vocabulary in vocabularies if vocabulary.domain is not None]
+    refusal: UnknownSymbol | None = None
+    for vocabulary in reversed(declared or vocabularies):
+        try:
+            formula = as_condition(condition, vocabulary)
+            check(formula, vocabulary.domain)
+        except UnknownSymbol as error:
+            refusal = refusal or error
+        else:
+            return formula
+    assert refusal is not None
+    raise refusal
 
 
 def _vocabularies(
