@@ -1,7 +1,8 @@
 """Plans as steps in time, and their execution on a knowledge base."""
 
+from bisect import bisect_left
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from fractions import Fraction
 from typing import Any
@@ -12,6 +13,9 @@ from kbstore.interop.up_symbols import library
 from kbstore.messages.base import format_number
 from kbstore.names import key
 from kbstore.record import Run
+
+ROUNDING = 2
+"""Nanoseconds by which times of a plan may differ that are meant to be the same."""
 
 
 class Happening(Enum):
@@ -80,7 +84,13 @@ def timed_steps(operator: str, arguments: tuple[str, ...], at: int, duration: in
 
 
 def in_order(timed: Iterable[Step]) -> list[Step]:
-    """Steps that have times, in the order in which they happen; of one time, ends first, and otherwise as they came."""
+    """Steps that have times, in the order in which they happen; of one time, ends first, and otherwise as they came.
+
+    An end that comes `ROUNDING` or less after something begins is moved to it: where a planner reckons that the one
+    needs the other, its start and duration as decimals may add up to a nanosecond more.
+    """
+    found = list(timed)
+    beginnings = sorted({step.at for step in found if step.happening is not Happening.END and step.at is not None})
 
     def place(step: Step) -> tuple[int, int]:
         assert step.at is not None
@@ -88,7 +98,17 @@ def in_order(timed: Iterable[Step]) -> list[Step]:
             return step.at, 1
         return step.at, 0 if step.duration else 2  # what takes no time ends after its own start
 
-    return sorted(timed, key=place)
+    return sorted((_rounded(step, beginnings) for step in found), key=place)
+
+
+def _rounded(step: Step, beginnings: Sequence[int]) -> Step:
+    """An end at what begins just before it, but not at its own start; any other step as it is."""
+    if step.happening is not Happening.END or step.at is None or not step.duration:
+        return step
+    first = bisect_left(beginnings, step.at - min(ROUNDING, step.duration - 1))
+    if first < len(beginnings) and beginnings[first] < step.at:
+        return replace(step, at=beginnings[first])
+    return step
 
 
 def execute(

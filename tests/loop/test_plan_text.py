@@ -72,6 +72,33 @@ def test_times_are_rounded_to_the_nanosecond(garden: KnowledgeBase):
     assert [step.at for step in found] == [1, 2, 2]
 
 
+def test_an_end_and_what_needs_it_are_not_parted_by_rounding(garden: KnowledgeBase):
+    """A start and a duration in decimals may add up to more than what waits for the end was given as its time.
+
+    An end is moved back by two nanoseconds at most, and never to its own start.
+    """
+    text = """
+    0.000000001: (water roses) [0.333333333]
+    0.333333333: (dig roses)
+    0.333333336: (dig beans)
+    0.500000000: (water beans) [0.000000002]
+    0.500000001: (dig beans)
+    """
+    assert [str(step) for step in read(garden, text)] == [
+        "0.000000001: start (water roses)",
+        "0.333333333: end (water roses)",
+        "0.333333333: apply (Dig roses)",
+        "0.333333336: apply (Dig beans)",
+        "0.5: start (water beans)",
+        "0.500000001: end (water beans)",
+        "0.500000001: apply (Dig beans)",
+    ]
+    late = "0: (water roses) [0.333333336]\n0.333333333: (dig beans)"
+    assert [step.at for step in read(garden, late)] == [0, 333_333_333, 333_333_336]
+    short = "0: (water roses) [0.000000001]"
+    assert [step.at for step in read(garden, short)] == [0, 1]
+
+
 @pytest.mark.parametrize(
     ("text", "line", "message"),
     [
