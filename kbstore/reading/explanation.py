@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from kbstore import logic
 from kbstore.clock import OPEN
 from kbstore.evaluation import conditions
-from kbstore.messages import KnowledgeType, Truth
+from kbstore.messages import KnowledgeType, Truth, format_number
 from kbstore.names import is_wildcard, key
 from kbstore.pddl.text import condition_text
 from kbstore.reading.history import History
@@ -84,10 +84,11 @@ class Explainer:
     ) -> Explanation:
         parts = []
         for function in dict.fromkeys(logic.atoms_of((*condition.left, *condition.right))):
-            defined = state.snapshot.number(key(function.name), tuple(map(key, function.arguments))) is not None
+            number = state.snapshot.number(key(function.name), tuple(map(key, function.arguments)))
+            text = str(function) if number is None else f"(= {function} {format_number(number.at(state.at))})"
             found = self._row(repository, state, KnowledgeType.FUNCTION, function)
-            part = self._of_row(repository, state, str(function), Truth.of(defined), found, "undefined function")
-            parts.append(part)
+            defined = Truth.of(number is not None)
+            parts.append(self._of_row(repository, state, text, defined, found, "undefined function"))
         undefined = [part for part in parts if part.truth is Truth.FALSE]
         if truth is Truth.UNKNOWN:
             reason = "undefined function" if undefined else "divides by zero"

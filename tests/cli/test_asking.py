@@ -109,3 +109,10 @@ def test_applicable_exits_1_with_what_stands_against_it(run):
     answer = run(*action, "--at", ALARM, "--json").json
     assert answer["applicable"] is False
     assert [failing["condition"] for failing in answer["failing"]] == ["(open lab_door)"]
+
+
+def test_explain_shows_the_numbers_that_were_compared(run):
+    """Thirty seconds into the doorway the battery is at 35.5 - 7.5, by the transaction that started the action (V6)."""
+    words = run("explain", "(> (battery kenny) 20)", "--at", "2026-05-04T09:04:40Z").words
+    assert words[0].startswith("(> (battery kenny) 20) is true: by the values of its functions since")
+    assert words[1].startswith("└── (= (battery kenny) 28) is true: asserted since 2026-05-04T09:04:10Z")
