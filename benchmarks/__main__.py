@@ -37,8 +37,7 @@ def main() -> None:
         settings = _settings(Path(directory), arguments)
         for name in arguments.only or _PARTS:
             for result in _PARTS[name](settings):
-                told = result.why if isinstance(result, Missing) else f"{result.ratio:.2f} of {result.with_what}"
-                console.print(f"{time.monotonic() - began:5.0f} s  {result.what}: {told}")
+                console.print(f"{time.monotonic() - began:5.0f} s  {result}")
                 results.append(result)
     show(results, console)
     loads_now = ", ".join(f"{load:.1f}" for load in os.getloadavg())

@@ -39,12 +39,20 @@ class Result:
         return "yes" if self.ratio <= self.bar else "NO"
 
 
+    def __str__(self) -> str:
+        ours, theirs = amount(self.ours, self.unit), amount(self.theirs, self.unit)
+        return f"{self.what}: {ours}, {self.with_what}: {theirs}, ratio {self.ratio:.2f}"
+
+
 @dataclass(frozen=True)
 class Missing:
     """What could not be measured here, and why."""
 
     what: str
     why: str
+
+    def __str__(self) -> str:
+        return f"{self.what}: {self.why}"
 
 
 def show(results: Sequence[Result | Missing], console: Console) -> None:
