@@ -206,7 +206,7 @@ class History:
         if upto <= after:
             return []
         transactions = [as_transaction(row) for row in repository.transactions_between(after, upto)]
-        self._refuse_gap(transactions, after, head)
+        self._refuse_gap(repository, transactions, after, head)
         vocabulary = self._reader.vocabulary(repository, head, Moment(head.time))
         recorded, ended, cancelled = repository.touched(after, upto)
         everything = [*recorded, *ended, *cancelled]
@@ -232,13 +232,15 @@ class History:
             for transaction in transactions
         ]
 
-    def _refuse_gap(self, transactions: Sequence[Transaction], after: int, head: Head) -> None:
+    def _refuse_gap(self, repository: Repository, transactions: Sequence[Transaction], after: int, head: Head) -> None:
         """Raise where the transactions after a number have been archived, or what they ended."""
         if not head.history_from:
             return
         following = transactions[0] if transactions else None
         if following is None or following.number != after + 1 or following.time < head.history_from:
-            raise self._reader.archived(f"what followed transaction {after}", head)
+            first = repository.first_transaction_from(head.history_from)
+            advice = "" if first is None else f" (changes that are kept follow transaction {first - 1})"
+            raise self._reader.archived(f"what followed transaction {after}{advice}", head)
 
     # -- what the clock brings about --------------------------------------------------------------------------
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from kbstore.reading.history import History, matches
 from kbstore.reading.reader import Reader
-from kbstore.record import Change, Transaction
+from kbstore.record import Assertion, Change, Transaction
 from kbstore.storage.repository import Moment, Repository
 from kbstore.vocabulary import Vocabulary
 
@@ -84,8 +84,9 @@ class Watch:
         return self._reader.vocabulary(repository, head, Moment(self._reader.now(head)))
 
     def _matching(self, change: Change, vocabulary: Vocabulary) -> Change | None:
-        def kept(assertions: list) -> list:  # type: ignore[type-arg]
-            return [found for found in assertions if matches(self._pattern, found.item, vocabulary)]
+        def kept(assertions: list[Assertion]) -> list[Assertion]:
+            state = [found for found in assertions if not found.is_goal]
+            return [found for found in state if matches(self._pattern, found.item, vocabulary)]
 
         asserted, ended, cancelled = kept(change.asserted), kept(change.ended), kept(change.cancelled)
         if not (asserted or ended or cancelled):

@@ -43,6 +43,10 @@ transactions_between = Statement(_TRANSACTION + " AND number > :after AND number
 
 transactions_numbered = Statement(_TRANSACTION + " AND AMONG(number, numbers)")
 
+first_transaction_from = Statement(
+    "SELECT number FROM transactions WHERE kb_id = :kb AND recorded_time >= :time ORDER BY number LIMIT 1"
+)
+
 last_transaction_at = Statement(
     "SELECT number FROM transactions WHERE kb_id = :kb AND number >= :number AND recorded_time = :time"
     " ORDER BY number DESC LIMIT 1"

@@ -115,6 +115,11 @@ class Repository:
         """The rows of the transactions after a number and up to another, in order."""
         return self._session.all(queries.transactions_between, {"kb": self._kb, "after": after, "upto": upto})
 
+    def first_transaction_from(self, time: int) -> int | None:
+        """The number of the first transaction at a time or later; None if there is none."""
+        row = self._session.first(queries.first_transaction_from, {"kb": self._kb, "time": time})
+        return None if row is None else int(row[0])
+
     def after_transaction(self, number: int, time: int) -> Moment:
         """The place in the record exactly after a transaction."""
         row = self._session.first(queries.last_transaction_at, {"kb": self._kb, "number": number, "time": time})

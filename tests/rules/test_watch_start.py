@@ -9,3 +9,13 @@ def test_a_watch_begins_when_it_is_called(kb):
     told = kb.add("(raining)")
     assert [change.number for change in watch] == [told.number]
     assert isinstance(told, kbstore.Transaction)
+
+
+def test_a_watched_pattern_is_about_the_state(kb):
+    """Q6: a goal of the same shape is no change of what stands."""
+    watch = kb.watch("(open ?)", timeout=0.0)
+    kb.add_goal("(open wp0)")
+    told = kb.add("(open wp1)")
+    assert [(change.number, [str(found.item) for found in change.asserted]) for change in watch] == [
+        (told.number, ["(open wp1)"])
+    ]
