@@ -1,4 +1,8 @@
-"""A knowledge base: one named world in a store, asked and changed."""
+"""A knowledge base: one named world in a store, asked and changed.
+
+The module is longer than others because it is the public interface: a method for each thing that can be asked or
+told, which says what it means and leaves the doing to `kbstore.reading`, `kbstore.writing` and `kbstore.keeping`.
+"""
 
 import os
 import threading

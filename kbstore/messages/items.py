@@ -1,6 +1,7 @@
 """The KnowledgeItem in its five types, and the condition that no item can carry."""
 
 import math
+from abc import abstractmethod
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
@@ -22,9 +23,9 @@ class _Item(Message):
     is_negative: bool = False
 
     @property
+    @abstractmethod
     def text(self) -> str:
         """The item in PDDL without its sign."""
-        raise NotImplementedError
 
     def __str__(self) -> str:
         return f"(not {self.text})" if self.is_negative else self.text

@@ -12,23 +12,16 @@ from collections import defaultdict
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from itertools import chain
-from typing import Any, NamedTuple
+from typing import Any
 
 from kbstore.clock import OPEN
 from kbstore.messages import KnowledgeType
 from kbstore.storage.repository import Repository, Stored
 from kbstore.timelines import EndCause, Identity, Role, Timeline, Value, number_at
+from kbstore.writing.existences import Existence, existences_of, lost_time
 
 Row = tuple[Timeline, int, Value]
 Mentions = Callable[[Timeline, Value], Sequence[str]]
-
-
-class Existence(NamedTuple):
-    """A span in which an object exists, with one type; adjacent ones of the same type are one (rule C6)."""
-
-    start: int
-    end: int
-    type_name: str
 
 
 class Track:
@@ -205,17 +198,17 @@ class Draft:
 
     def existences(self, track: Track) -> list[Existence]:
         """When the object of an INSTANCE timeline exists from now on, as the draft has it."""
-        return _existences(track.value, track.ahead, self.now)
+        return existences_of(track.value, track.ahead, self.now)
 
     def stored_existences(self, track: Track) -> list[Existence]:
         """The same as it is stored."""
         base = track.base(self.now)
         ahead = {t: row.value for t, row in track.stored_ahead.items()}
-        return _existences(None if base is None else base.value, ahead, self.now)
+        return existences_of(None if base is None else base.value, ahead, self.now)
 
     def drop_mentions(self, track: Track, before: Sequence[Existence], cause: EndCause) -> None:
         """End and cancel what mentions an object in the time in which it does not exist any more (rule C9)."""
-        lost = _lost(before, self.existences(track))
+        lost = lost_time(before, self.existences(track))
         if not lost:
             return
         for mentioning in self.mentioning(track):
@@ -368,39 +361,6 @@ class Draft:
         if track.timeline.kind is not KnowledgeType.FUNCTION:
             return base.value
         return (False, number_at(base.value, base.initial_time, self.now), *base.value[2:])
-
-
-def _existences(value: Value | None, ahead: dict[int, Value], now: int) -> list[Existence]:
-    found: list[Existence] = []
-    start, type_name = now, None if value is None or value[0] else value[1]
-    for t in sorted(ahead):
-        is_negative, name = ahead[t]
-        if is_negative:
-            if type_name is not None:
-                found.append(Existence(start, t, type_name))
-            type_name = None
-        elif type_name is None or type_name.lower() != name.lower():
-            if type_name is not None:
-                found.append(Existence(start, t, type_name))
-            start, type_name = t, name
-    if type_name is not None:
-        found.append(Existence(start, OPEN, type_name))
-    return found
-
-
-def _lost(before: Sequence[Existence], after: Sequence[Existence]) -> list[tuple[int, int]]:
-    """The time in `before` in which the object does not exist with that type any more in `after`."""
-    lost: list[tuple[int, int]] = []
-    for start, end, type_name in before:
-        for other_start, other_end, other_type in after:
-            if other_end <= start or other_start >= end or other_type.lower() != type_name.lower():
-                continue
-            if other_start > start:
-                lost.append((start, other_start))
-            start = other_end  # noqa: PLW2901 - what is left of the span
-        if start < end:
-            lost.append((start, end))
-    return lost
 
 
 def _same_but_rate(kind: KnowledgeType, stored: Value, value: Value) -> bool:

@@ -11,7 +11,8 @@ from kbstore.storage.repository import Repository
 from kbstore.timelines import EndCause
 from kbstore.vocabulary import Vocabulary
 from kbstore.writing.checks import Checks
-from kbstore.writing.draft import Draft, Existence, Track
+from kbstore.writing.draft import Draft, Track
+from kbstore.writing.existences import Existence
 
 Violations = Sequence[str]
 

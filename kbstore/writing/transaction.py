@@ -1,7 +1,6 @@
 """The one path for writing: a transaction takes the write lock and now, collects updates, and stores them at once."""
 
 import json
-from collections import defaultdict
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import AbstractContextManager, ExitStack, nullcontext
 from types import TracebackType
@@ -17,12 +16,10 @@ from kbstore.messages import (
     Function,
     Goal,
     Inequality,
-    Instance,
     KnowledgeItem,
     KnowledgeType,
     UpdateType,
 )
-from kbstore.names import key
 from kbstore.pddl.domain_reader import read_domain
 from kbstore.pddl.forms import condition_of, goals_of
 from kbstore.pddl.problem_reader import Problem, read_problem
@@ -40,6 +37,7 @@ from kbstore.writing.draft import Draft
 from kbstore.writing.editor import Editor
 from kbstore.writing.fitting import misfits
 from kbstore.writing.missions import Mission
+from kbstore.writing.preloading import Wanted
 from kbstore.writing.recorder import Recorder
 
 TOLERANCE = 1_000_000_000
@@ -240,7 +238,7 @@ class OpenTransaction:
     def _preloaded(self, updates: Sequence[tuple[UpdateType, object]], t: int) -> Iterable[Update]:
         """The updates as what does them; the timelines that they touch are read at once."""
         read: list[Update] = []
-        wanted = _Wanted()
+        wanted = Wanted()
         for kind, knowledge in updates:
             try:
                 items = self._items(kind, knowledge)
@@ -339,7 +337,7 @@ class OpenTransaction:
             self.set_domain(domain.with_sensed(name, sensed))
 
     def _of_problem(self, problem: Problem) -> Iterable[Update]:
-        wanted = _Wanted()
+        wanted = Wanted()
         for item in (*problem.instances, *problem.init):
             wanted.note(Role.STATE, item)
         wanted.load(self._draft)
@@ -460,26 +458,3 @@ def _placed(update: Update, problem: Problem, part: str, index: int) -> Update:
         return violations
 
     return placed
-
-
-class _Wanted:
-    """The timelines that updates will touch, as far as that can be told beforehand; read at once."""
-
-    def __init__(self) -> None:
-        self._atoms: dict[tuple[Role, KnowledgeType], set[str]] = defaultdict(set)
-        self._objects: set[str] = set()
-
-    def note(self, role: Role, item: KnowledgeItem | Condition) -> None:
-        """Note what an item will touch."""
-        if isinstance(item, Fact | Function):
-            keys = item.key
-            self._atoms[role, item.knowledge_type].add(" ".join(keys))
-            self._objects.update(keys[1:])
-        elif isinstance(item, Instance):
-            self._objects.add(key(item.instance_name))
-
-    def load(self, draft: Draft) -> None:
-        """Read it."""
-        for (role, kind), keys in self._atoms.items():
-            draft.load(role, kind, keys)
-        draft.load(Role.STATE, KnowledgeType.INSTANCE, self._objects)

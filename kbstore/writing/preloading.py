@@ -1,0 +1,31 @@
+"""Reading at once the timelines that many updates will touch."""
+
+from collections import defaultdict
+
+from kbstore.messages import Condition, Fact, Function, Instance, KnowledgeItem, KnowledgeType
+from kbstore.names import key
+from kbstore.timelines import Role
+from kbstore.writing.draft import Draft
+
+
+class Wanted:
+    """The timelines that updates will touch, as far as that can be told beforehand; read at once."""
+
+    def __init__(self) -> None:
+        self._atoms: dict[tuple[Role, KnowledgeType], set[str]] = defaultdict(set)
+        self._objects: set[str] = set()
+
+    def note(self, role: Role, item: KnowledgeItem | Condition) -> None:
+        """Note what an item will touch."""
+        if isinstance(item, Fact | Function):
+            keys = item.key
+            self._atoms[role, item.knowledge_type].add(" ".join(keys))
+            self._objects.update(keys[1:])
+        elif isinstance(item, Instance):
+            self._objects.add(key(item.instance_name))
+
+    def load(self, draft: Draft) -> None:
+        """Read it."""
+        for (role, kind), keys in self._atoms.items():
+            draft.load(role, kind, keys)
+        draft.load(Role.STATE, KnowledgeType.INSTANCE, self._objects)
