@@ -10,7 +10,7 @@ from rich.console import Console
 
 from benchmarks import courses, growth, loads, memory, points, postgresql, sizes, states, writes
 from benchmarks.peers import comparing
-from benchmarks.report import Missing, Result, show
+from benchmarks.report import Missing, Result, markdown, show
 from benchmarks.settings import Settings
 
 _PARTS = {
@@ -40,6 +40,8 @@ def main() -> None:
                 console.print(f"{time.monotonic() - began:5.0f} s  {result}")
                 results.append(result)
     show(results, console)
+    if arguments.markdown:
+        arguments.markdown.write_text(markdown(results))
     loads_now = ", ".join(f"{load:.1f}" for load in os.getloadavg())
     console.print(f"{time.monotonic() - began:.0f} s; {os.cpu_count()} cores, load averages at the end {loads_now}")
 
@@ -53,7 +55,7 @@ def _settings(directory: Path, arguments: argparse.Namespace) -> Settings:
             init=(1_000, 10_000),
             intervals=(10, 1_000, 10_000),
             seconds=0.2,
-            peers=10_000,
+            peers=5_000,
             peers_bulk=1_000,
             grown=(2_000, 20_000),
             postgresql=arguments.postgresql,
@@ -81,6 +83,7 @@ def _arguments() -> argparse.Namespace:
     )
     parser.add_argument("--postgresql", metavar="URL", help="a server to measure on; one is started if none is named")
     parser.add_argument("--directory", type=Path, help="where to make the stores (they are removed afterwards)")
+    parser.add_argument("--markdown", type=Path, metavar="FILE", help="write the table there, too")
     parser.add_argument("--only", nargs="+", choices=_PARTS, help="only these parts")
     return parser.parse_args()
 

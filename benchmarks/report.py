@@ -38,7 +38,6 @@ class Result:
             return ""
         return "yes" if self.ratio <= self.bar else "NO"
 
-
     def __str__(self) -> str:
         ours, theirs = amount(self.ours, self.unit), amount(self.theirs, self.unit)
         return f"{self.what}: {ours}, {self.with_what}: {theirs}, ratio {self.ratio:.2f}"
@@ -55,25 +54,37 @@ class Missing:
         return f"{self.what}: {self.why}"
 
 
+_HEADINGS = ("what", "against", "kbstore", "other", "ratio", "bar", "met")
+
+
 def show(results: Sequence[Result | Missing], console: Console) -> None:
     """Print the table."""
     table = Table(title="kbstore, side by side with others: lower quartiles of one run")
-    for heading in ("what", "against", "kbstore", "other", "ratio", "bar", "met"):
-        table.add_column(heading, justify="left" if heading in ("what", "against") else "right", overflow="fold")
+    for heading in _HEADINGS:
+        table.add_column(heading, justify="left" if heading in _HEADINGS[:2] else "right", overflow="fold")
     for result in results:
-        if isinstance(result, Missing):
-            table.add_row(result.what, result.why)
-            continue
-        table.add_row(
-            result.what,
-            result.with_what,
-            amount(result.ours, result.unit),
-            amount(result.theirs, result.unit),
-            f"{result.ratio:.2f}",
-            "" if result.bar is None else f"{result.bar:g}",
-            result.verdict,
-        )
+        table.add_row(*_cells(result))
     console.print(table)
+
+
+def markdown(results: Sequence[Result | Missing]) -> str:
+    """The table for a document."""
+    rows = [_HEADINGS, ("---", "---", *["---:"] * 5), *(_cells(result) for result in results)]
+    return "".join(f"| {' | '.join(row)} |\n" for row in rows)
+
+
+def _cells(result: Result | Missing) -> tuple[str, ...]:
+    if isinstance(result, Missing):
+        return (result.what, result.why, "", "", "", "", "")
+    return (
+        result.what,
+        result.with_what,
+        amount(result.ours, result.unit),
+        amount(result.theirs, result.unit),
+        f"{result.ratio:.2f}" if result.ratio >= 0.1 else f"{result.ratio:.3f}",
+        "" if result.bar is None else f"{result.bar:g}",
+        result.verdict,
+    )
 
 
 def amount(figure: float, unit: str) -> str:

@@ -6,7 +6,7 @@ import pytest
 from rich.console import Console
 
 from benchmarks.measuring import CPU, side_by_side
-from benchmarks.report import Missing, Result, amount, show
+from benchmarks.report import Missing, Result, amount, markdown, show
 
 
 @pytest.mark.parametrize(
@@ -34,6 +34,13 @@ def test_what_is_missing_stands_in_the_table():
     assert "1.50" in table
     (row,) = (line for line in table.splitlines() if "CozoDB" in line)
     assert "not installed" in row
+
+
+def test_the_table_for_a_document_has_as_many_cells_in_each_row():
+    """In Markdown every row has the seven cells of the heading, what is missing included."""
+    lines = markdown([Result("state", "raw", 3e-3, 2e-3, 2.5), Missing("CozoDB", "not installed")]).splitlines()
+    assert [line.count("|") for line in lines] == [8] * 4
+    assert lines[2] == "| state | raw | 3 ms | 2 ms | 1.50 | 2.5 | yes |"
 
 
 def test_each_way_is_done_in_each_round():
