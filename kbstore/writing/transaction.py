@@ -8,23 +8,18 @@ from typing import Self
 
 from kbstore.clock import isoformat, time
 from kbstore.domain import Domain
-from kbstore.errors import ClockWentBackwards, Conflict, InvalidKnowledge, KbStoreError, UnknownSymbol
+from kbstore.errors import ClockWentBackwards, Conflict, InvalidKnowledge, KbStoreError
 from kbstore.evaluation.snapshot import Row
 from kbstore.messages import (
     Condition,
-    Fact,
-    Function,
-    Goal,
-    Inequality,
     KnowledgeItem,
     KnowledgeType,
     UpdateType,
 )
 from kbstore.pddl.domain_reader import read_domain
-from kbstore.pddl.forms import condition_of, goals_of
-from kbstore.pddl.problem_reader import Problem, read_problem
+from kbstore.pddl.problem_reader import read_problem
 from kbstore.reading.mentions import mentions
-from kbstore.reading.questions import Question, as_condition, as_item
+from kbstore.reading.questions import Question
 from kbstore.reading.reader import Picture, Place, Reader
 from kbstore.reading.state import State
 from kbstore.record import Applicability, Run, Transaction
@@ -39,14 +34,10 @@ from kbstore.writing.fitting import misfits
 from kbstore.writing.missions import Mission
 from kbstore.writing.preloading import Wanted
 from kbstore.writing.recorder import Recorder
+from kbstore.writing.updates import GOAL_UPDATES, Update, failing, items_of, problem_updates
 
 TOLERANCE = 1_000_000_000
 """How far a clock may be behind the latest recorded time, in nanoseconds (rule T3)."""
-
-_OF_GOALS = (UpdateType.ADD_GOAL, UpdateType.REMOVE_GOAL)
-
-Update = Callable[[], Sequence[str]]
-"""Does one update to the draft; returns its violations."""
 
 
 class OpenTransaction:
@@ -241,41 +232,16 @@ class OpenTransaction:
         wanted = Wanted()
         for kind, knowledge in updates:
             try:
-                items = self._items(kind, knowledge)
+                items = items_of(kind, knowledge, self._vocabulary)
             except KbStoreError as error:
-                read.append(_failing(knowledge, error))
+                read.append(failing(knowledge, error))
                 continue
-            role = Role.GOAL if kind in _OF_GOALS else Role.STATE
+            role = Role.GOAL if kind in GOAL_UPDATES else Role.STATE
             for item in items:
                 wanted.note(role, item)
                 read.append(self._update(kind, item, item.initial_time or t))
         wanted.load(self._draft)
         return read
-
-    def _items(self, kind: UpdateType, knowledge: object) -> Sequence[KnowledgeItem | Condition]:
-        if kind in _OF_GOALS:
-            return self._goals(knowledge)
-        if isinstance(knowledge, str) and kind in (UpdateType.ADD_METRIC, UpdateType.REMOVE_METRIC):
-            return [as_item(knowledge, self._vocabulary)]
-        return [as_item(knowledge, self._vocabulary)]
-
-    def _goals(self, knowledge: object) -> Sequence[Goal]:
-        if isinstance(knowledge, Fact | Inequality):
-            return [knowledge]
-        initial_time = 0
-        if isinstance(knowledge, Condition):
-            initial_time = knowledge.initial_time
-        elif not isinstance(knowledge, str):
-            item = as_item(knowledge, self._vocabulary)
-            if isinstance(item, Fact | Inequality):
-                return [item]
-            if not isinstance(item, Function):
-                raise InvalidKnowledge(f"{item} is not a goal; a goal is a fact, a negative fact or a condition")
-            initial_time = item.initial_time
-            knowledge = condition_of(item, self._vocabulary.domain)
-        condition = as_condition(knowledge, self._vocabulary)
-        goals = goals_of(condition, self._vocabulary.domain)
-        return [goal.changed(initial_time=initial_time) for goal in goals] if initial_time else goals
 
     def _update(self, kind: UpdateType, item: KnowledgeItem | Condition, t: int) -> Update:
         editor = self._editor
@@ -306,7 +272,11 @@ class OpenTransaction:
         if loaded is not None and domain is not None:
             self.set_domain(self._marked(loaded))
         if read is not None:
-            self._apply(self._of_problem(read))
+            wanted = Wanted()
+            for item in (*read.instances, *read.init):
+                wanted.note(Role.STATE, item)
+            wanted.load(self._draft)
+            self._apply(problem_updates(read, self.now, self._update, self._editor.add_constraint))
         self._is_whole = True
 
     def _marked(self, domain: Domain) -> Domain:
@@ -335,28 +305,6 @@ class OpenTransaction:
             raise InvalidKnowledge(f"{name} cannot be marked as sensed without a domain; load one first")
         if domain.is_sensed(name) != sensed:
             self.set_domain(domain.with_sensed(name, sensed))
-
-    def _of_problem(self, problem: Problem) -> Iterable[Update]:
-        wanted = Wanted()
-        for item in (*problem.instances, *problem.init):
-            wanted.note(Role.STATE, item)
-        wanted.load(self._draft)
-        add, goal = UpdateType.ADD_KNOWLEDGE, UpdateType.ADD_GOAL
-        updates: list[Update] = []
-        for part, found in (
-            ("instances", [self._update(add, item, 0) for item in problem.instances]),
-            ("init", [self._update(add, item, 0) for item in problem.init]),
-            ("timed", [self._update(add, item, self.now + offset) for offset, item in problem.timed]),
-            ("goals", [self._update(goal, item, 0) for item in problem.goals]),
-        ):
-            updates += [_placed(update, problem, part, index) for index, update in enumerate(found)]
-        if problem.metric is not None:
-            updates.append(self._update(UpdateType.ADD_METRIC, problem.metric, 0))
-        updates += [self._constraint(text) for text in problem.constraints]
-        return updates
-
-    def _constraint(self, text: str) -> Update:
-        return lambda: self._editor.add_constraint(text)
 
     # -- operators --------------------------------------------------------------------------------------------
 
@@ -433,28 +381,3 @@ class OpenTransaction:
 
 def _time(initial_time: object) -> int:
     return 0 if initial_time is None else time(initial_time)
-
-
-def _failing(knowledge: object, error: KbStoreError) -> Update:
-    """What stands for an item that could not be read; a symbol that is not known is a violation (rule D1)."""
-
-    def update() -> Sequence[str]:
-        if isinstance(error, UnknownSymbol):
-            return [f"{knowledge}: {error}"]
-        raise error
-
-    return update
-
-
-def _placed(update: Update, problem: Problem, part: str, index: int) -> Update:
-    """An update whose violations tell where in the problem's file it stands (rule D1)."""
-
-    def placed() -> Sequence[str]:
-        violations = update()
-        if violations:
-            line, column = problem.places[part][index]
-            place = f"{problem.source}:{line}:{column}" if problem.source else f"line {line}, column {column}"
-            return [f"{place}: {sentence}" for sentence in violations]
-        return violations
-
-    return placed
