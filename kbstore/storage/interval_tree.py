@@ -1,8 +1,8 @@
 """The relational interval tree: which rows stood at a time, by plain B-tree indexes.
 
 Source: H.-P. Kriegel, M. Pötke, T. Seidl, "Managing Intervals Efficiently in Object-Relational Databases",
-VLDB 2000. Every closed interval is kept under one node of a virtual binary tree over time: the highest node that
-lies within it. The intervals that contain a time t are kept on the path from the root to t, so they are found by
+VLDB 2000. Every closed interval is kept under one node of a virtual binary tree over time: the one within it where
+the paths from the root to its two ends part. The intervals that contain a time t are kept on the path from the root to t, so they are found by
 at most 63 index look-ups of each side, however long the history.
 """
 
@@ -17,8 +17,8 @@ LEVELS = 62
 def node(start: int, end: int) -> int | None:
     """The node of the half-open interval ``[start, end)``; None for an open or an empty one.
 
-    Inside the tree every time is one higher, so that no node is 0: it is the number within ``start + 1 .. end``
-    that has the most zero bits at its end.
+    Inside the tree every time is one higher, so that no node is 0: it is the leading bits that ``start + 1`` and
+    ``end`` have in common, a one, and zeros.
     """
     if end == OPEN or end <= start:
         return None
