@@ -228,7 +228,8 @@ def expect(world: World, at: int, asked: int) -> None:
         for run in due:
             overlay = Overlay(world, moment)
             overlay.apply(Update("end", run.start))
-            overlay.refuse()
+            if overlay.violations or overlay.failures:
+                raise Unsettled("an expected end whose effects are impossible")
             overlay.finish(0)
         asked = moment
     world.advance(at)
