@@ -1,0 +1,173 @@
+"""Every question reads by indexes, as much as it answers with: the plans of both engines.
+
+SQLite is asked before and after ANALYZE, for what it guesses without is another thing. PostgreSQL keeps the plan of
+a prepared statement, so that one that it made for an empty table has to be right for a full one, too.
+"""
+
+import json
+import re
+
+import pytest
+
+from kbstore.storage import queries
+from kbstore.storage.interval_tree import path
+from kbstore.storage.statements import Insertion, Lookup, Statement
+from tests.storage.stores import KB, SPAN, TIMELINES
+
+T = SPAN // 2
+LEFT, RIGHT = path(T)
+TIMELINE = (KB - 1) * TIMELINES + 5
+
+VALUES = {
+    "kb": KB,
+    "t": T,
+    "number": 500,
+    "latest": 502,
+    "after": 500,
+    "upto": 502,
+    "first": T,
+    "until": T + SPAN // 100,
+    "timeline": TIMELINE,
+    "name": "p1",
+    "last": "p1!",
+    "key": "p1 o1",
+    "role": 0,
+    "kind": 2,
+    "time": T,
+}
+ARRAYS = {
+    "numbers": [500, 501],
+    "ids": [TIMELINE, TIMELINE + 4],
+    "keys": ["p1 o1", "p2 o9"],
+    "left": LEFT,
+    "right": RIGHT,
+    "path": (*LEFT, *RIGHT),
+}
+
+WHOLE = ("knowledge_base_names", "symbols", "timelines_of_kind", "first_transaction_from")
+"""What reads all that there is, because that is the answer; or, of the transactions, from the first one on."""
+
+
+def questions(tables):
+    """The statements that read, by name; those of assertions for each of some tables."""
+    named = [(name, statement) for name, statement in vars(queries).items() if isinstance(statement, Statement)]
+    for kind in queries.for_kind.values():
+        if kind.table in tables:
+            named += [
+                (f"{kind.table}.{name}", found) for name, found in vars(kind).items() if isinstance(found, Statement)
+            ]
+    return {
+        name: statement
+        for name, statement in named
+        if not isinstance(statement, Insertion) and statement.sqlite.lstrip().startswith(("SELECT", "WITH"))
+    }
+
+
+ALL = ("facts", "functions", "instances", "expressions", "inequalities")
+READING = [name for name in questions(ALL) if name not in WHOLE]
+
+
+def sqlite_plan(driver, statement):
+    values = VALUES | {name: json.dumps(value) for name, value in ARRAYS.items()}
+    if isinstance(statement, Lookup):
+        parameters = tuple(values[name] for name in statement.names)
+    else:
+        parameters = {name: values[name] for name in set(re.findall(r"(?<![:\w]):(\w+)", statement.sqlite))}
+        if statement is queries.timelines_of_symbol:
+            parameters["first"] = "p1 "
+    return [step[3] for step in driver.execute(f"EXPLAIN QUERY PLAN {statement.sqlite}", parameters)]
+
+
+def goes_through(step):
+    """Whether a step of SQLite's plan reads a table, or all that a knowledge base has in it."""
+    scan = "SCAN" in step and "VIRTUAL TABLE" not in step and "CONSTANT ROW" not in step
+    return scan or "(kb_id=?)" in step or "BLOOM" in step or "AUTOMATIC" in step
+
+
+@pytest.fixture(scope="module", params=["guessed", "analysed"])
+def sqlite(request, long_sqlite):
+    """The long history, before and after ANALYZE."""
+    if request.param == "analysed":
+        long_sqlite.execute("ANALYZE")
+    return long_sqlite
+
+
+# runs that ended at one moment are looked for among all: they have no index by the transaction that ended them
+@pytest.mark.parametrize("name", [name for name in READING if name != "running_as_of"])
+def test_nothing_is_gone_through_on_sqlite(sqlite, name):
+    """No question scans a table, or all rows of a knowledge base, or puts a Bloom filter over a join."""
+    plan = sqlite_plan(sqlite, questions(ALL)[name])
+    assert [step for step in plan if step.startswith(("SEARCH", "SCAN"))]
+    assert not [step for step in plan if goes_through(step)]
+
+
+@pytest.mark.parametrize("table", ALL)
+def test_the_three_branches_of_state_at_t_on_sqlite(sqlite, table):
+    """The state at t is read from the nodes right of t by start, left of t by end, and what is open by start."""
+    statements = next(found for found in queries.for_kind.values() if found.table == table)
+    branches = [
+        f"SEARCH {table} USING INDEX ix_{table}_left (kb_id=? AND node=? AND initial_time<?)",
+        f"SEARCH {table} USING INDEX ix_{table}_right (kb_id=? AND node=? AND end_time>?)",
+        f"SEARCH {table} USING INDEX ix_{table}_open (kb_id=? AND initial_time<?)",
+    ]
+    plan = [step for step in sqlite_plan(sqlite, statements.standing) if step.startswith("SEARCH")]
+    assert plan == branches
+    as_of = [step for step in sqlite_plan(sqlite, statements.standing_as_of) if step.startswith("SEARCH")]
+    assert as_of[:3] == branches
+
+
+def test_running_actions_are_read_from_the_tree_on_sqlite(sqlite):
+    """What runs at t is read by the tree, too, however many actions have run before."""
+    plan = [step for step in sqlite_plan(sqlite, queries.running) if step.startswith("SEARCH")]
+    assert plan == [
+        "SEARCH runs USING INDEX ix_runs_node (kb_id=? AND node=?)",
+        "SEARCH runs USING INDEX ix_runs_node (kb_id=? AND node=?)",
+        "SEARCH runs USING INDEX ix_runs_open (kb_id=? AND initial_time<?)",
+    ]
+
+
+@pytest.mark.parametrize("table", ALL)
+def test_one_thing_is_one_look_up_on_sqlite(sqlite, table):
+    """A question about one timeline goes down one index, to one row, and to the row of the knowledge base."""
+    statements = next(found for found in queries.for_kind.values() if found.table == table)
+    assert [step for step in sqlite_plan(sqlite, statements.point) if step.startswith("SEARCH")] == [
+        "SEARCH k USING INTEGER PRIMARY KEY (rowid=?)",
+        "SEARCH f USING INTEGER PRIMARY KEY (rowid=?) LEFT-JOIN",
+        f"SEARCH g USING INDEX ux_{table}_timeline (kb_id=? AND timeline_id=? AND initial_time<?)",
+    ]
+
+
+# -- PostgreSQL -----------------------------------------------------------------------------------------------------
+
+ON_LARGE_TABLES = [
+    *(name for name in questions(["facts"]) if name.startswith("facts.")),
+    *(f"{table}.{name}" for table in ALL for name in ("standing", "pending", "live", "due", "point")),
+]
+
+
+@pytest.mark.parametrize("name", dict.fromkeys(ON_LARGE_TABLES))
+def test_large_tables_are_read_by_indexes_on_postgresql(long_postgresql, name):
+    """Where a table is large, no question reads it from end to end."""
+    statement = questions(ALL)[name]
+    values = VALUES | {name: list(value) for name, value in ARRAYS.items()}
+    parameters = {name: values[name] for name in set(re.findall(r"%\((\w+)\)s", statement.postgresql))}
+    plan = [row[0] for row in long_postgresql.execute(f"EXPLAIN {statement.postgresql}", parameters)]
+    table = name.partition(".")[0]
+    assert any("Index" in step for step in plan)
+    assert not [step for step in plan if f"Seq Scan on {table}" in step]
+
+
+# `ended` and `standing_as_of` look for rows of no length among those of a knowledge base, which are few
+@pytest.mark.parametrize(
+    "name", [name for name in READING if not name.endswith(("running_as_of", ".ended", ".standing_as_of"))]
+)
+def test_the_plan_for_an_empty_table_holds_when_it_is_full_on_postgresql(young_postgresql, name):
+    """Nothing that is planned while a table is empty goes through all of a knowledge base later."""
+    if young_postgresql.info.server_version < 160000:
+        pytest.skip("plans for all values are shown by PostgreSQL 16 and later")
+    statement = questions(ALL)[name].postgresql
+    names = list(dict.fromkeys(re.findall(r"%\((\w+)\)s", statement)))
+    numbered = re.sub(r"%\((\w+)\)s", lambda found: f"${names.index(found[1]) + 1}", statement)
+    plan = [row[0] for row in young_postgresql.execute(f"EXPLAIN (GENERIC_PLAN, COSTS OFF) {numbered}".encode())]
+    assert any("Scan" in step for step in plan)
+    assert not [step for step in plan if "Seq Scan" in step or re.search(r"Index Cond: \(kb_id = \S+\)$", step)]
