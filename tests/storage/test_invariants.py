@@ -1,0 +1,149 @@
+"""Random transactions leave the tables as they have to be: nodes, ends, numbers, and no overlaps."""
+
+import random
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+import kbstore
+from kbstore import KbStoreError
+from kbstore.clock import OPEN, seconds
+from tests.conftest import START
+from tests.storage.invariants import violations
+
+DOMAIN = """
+(define (domain rooms)
+  (:requirements :typing :fluents :durative-actions :negative-preconditions)
+  (:types place robot)
+  (:predicates (open ?p - place) (near ?r - robot ?p - place) (raining))
+  (:functions (battery ?r - robot) (cost))
+  (:durative-action go :parameters (?r - robot ?to - place) :duration (<= ?duration 100)
+    :condition (and (at start (not (near ?r ?to))))
+    :effect (and (decrease (battery ?r) (* #t 0.5)) (increase (cost) (* #t 1)) (at end (near ?r ?to)))))
+"""
+
+OBJECTS = ("wp0 - place", "wp1 - place", "kenny - robot", "rita - robot")
+FACTS = ("(open wp0)", "(open wp1)", "(near kenny wp0)", "(near kenny wp1)", "(near rita wp0)", "(raining)")
+SIGNED = (*FACTS, *(f"(not {fact})" for fact in FACTS))
+NUMBERS = ("(= (battery kenny) 3)", "(= (battery rita) 7)", "(= (cost) 2)", "(= (cost) 5)")
+RELATIVE = ("(increase (battery kenny) 1)", "(scale-up (cost) 2)", "(increase (cost) (* #t 2))")
+OTHERS = ("(> (cost) 3)", "minimize (battery kenny)", "minimize (cost)")
+PATTERNS = ("(near ? wp0)", "(open ?)", "wp0", "kenny", "(not (wp1 - place))")
+DELAYS = (None, None, None, 1, 2, 3, 5, 8)
+ACTIONS = tuple((robot, place) for robot in ("kenny", "rita") for place in ("wp0", "wp1"))
+
+
+def steps(choose):
+    """A step of a transaction: what to do, with what, after how many seconds; `choose` takes one of several."""
+    kind = choose(("add", "add", "add", "add", "change", "remove", "remove", "goal", "start", "end", "abort", "clear"))
+    match kind:
+        case "add":
+            return kind, choose((*OBJECTS, *OBJECTS, *SIGNED, *NUMBERS, *NUMBERS, *OTHERS)), choose(DELAYS)
+        case "change":
+            return "add", choose(RELATIVE), None
+        case "remove":
+            return kind, choose((*OBJECTS, *SIGNED, *PATTERNS)), choose(DELAYS)
+        case "goal":
+            return kind, choose(SIGNED), choose(DELAYS)
+        case "start":
+            return kind, choose(ACTIONS), None
+    return kind, None, None
+
+
+def sequences(choose):
+    """Transactions: the seconds before each, and its steps."""
+    return [(choose(range(5)), [steps(choose) for _ in range(choose((1, 1, 2, 4)))]) for _ in range(choose((3, 8, 14)))]
+
+
+def take_step(transaction, step, now):
+    kind, what, delay = step
+    t = None if delay is None else now + seconds(delay)
+    match kind:
+        case "add":
+            transaction.add(what, initial_time=t)
+        case "remove":
+            transaction.remove(what, initial_time=t)
+        case "goal":
+            transaction.add_goal(what, initial_time=t)
+        case "start":
+            transaction.start("go", *what, duration=seconds(6))
+        case "clear":
+            transaction.clear()
+        case _:
+            running = transaction.state().running
+            if running:
+                getattr(transaction, kind)(running[0])
+
+
+def reading(kb):
+    """What runs SQL on the store of a knowledge base, and the number of the knowledge base."""
+
+    def execute(sql):
+        with kb._database.asking() as session:
+            return [tuple(row) for row in session.driver.execute(sql).fetchall()]
+
+    return execute, execute(f"SELECT id FROM knowledge_bases WHERE name = '{kb.name}'")[0][0]
+
+
+def play(kb, clock, sequence):
+    """Do random transactions; those that are refused leave nothing."""
+    kb.load(DOMAIN)
+    kb.add("wp0 - place", "kenny - robot", "(= (cost) 0)", "(= (battery kenny) 9)")
+    for wait, together in sequence:
+        clock.advance(seconds(wait))
+        before = kb.state()
+        try:
+            with kb.transaction() as transaction:
+                for step in together:
+                    take_step(transaction, step, clock.now())
+        except KbStoreError:
+            assert str(kb.state().to_pddl()) == before.to_pddl()
+
+
+@given(st.data())
+@settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
+def test_the_tables_are_sound_after_random_transactions(data):
+    """V1, C5, C6, C9, Q6: nodes fit their intervals, ends are those derived, numbers have no gaps, nothing overlaps."""
+    clock = kbstore.ManualClock(START)
+    with kbstore.open("sqlite://", clock=clock) as kb:
+        play(kb, clock, sequences(lambda choices: data.draw(st.sampled_from(choices))))
+        assert violations(*reading(kb)) == []
+
+
+def test_the_tables_are_sound_on_every_store(open_kb, clock):
+    """The same holds on every store that there is."""
+    chance = random.Random(7)
+    for _ in range(5):
+        kb = open_kb()
+        play(kb, clock, sequences(chance.choice))
+        assert violations(*reading(kb)) == []
+
+
+WRONG = {
+    "UPDATE facts SET node = node + 1 WHERE node IS NOT NULL": "is kept at the wrong node",
+    "UPDATE facts SET pending_node = 1 WHERE recorded_time IS NOT NULL": "was pending at the wrong node",
+    "UPDATE facts SET end_time = end_time - 1 WHERE ended_tx IS NOT NULL": "did not end with its transaction",
+    "UPDATE facts SET initial_time = initial_time + 1, recorded_time = NULL": "is not of its transaction's time",
+    f"UPDATE facts SET end_time = {OPEN}, node = NULL WHERE recorded_time IS NULL": "overlaps",
+    "UPDATE facts SET cancelled_tx = 1, ended_tx = NULL": "is half cancelled",
+    "UPDATE transactions SET recorded_time = 0 WHERE number = 3": "time runs backwards",
+    "UPDATE knowledge_bases SET last_number = 9": "numbers have gaps",
+    "DELETE FROM mentions": "is not known to mention",
+}
+
+
+@pytest.mark.parametrize("damage", WRONG)
+def test_what_is_wrong_is_found(damage):
+    """The tests of this file can fail: damage to the tables is noticed."""
+    clock = kbstore.ManualClock(START)
+    with kbstore.open("sqlite://", clock=clock) as kb:
+        kb.load(DOMAIN)
+        kb.add("wp0 - place", "(open wp0)")
+        kb.add("(not (open wp0))", initial_time=START + seconds(5))
+        clock.advance(seconds(1))
+        kb.add("(not (open wp0))")
+        assert violations(*reading(kb)) == []
+        with kb._database.asking() as session:
+            session.driver.execute(damage)
+        assert any(WRONG[damage] in found for found in violations(*reading(kb)))
