@@ -214,6 +214,8 @@ class Reference:
 
 def expect(world: World, at: int, asked: int) -> None:
     """Let time pass until `at`, with the ends of running actions that are expected after the time of asking."""
+    world.advance(min(at, asked))
+    world.expecting = True
     while True:
         ends = [run for run in world.running if asked < run.expected_end <= at]
         if not ends:

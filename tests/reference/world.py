@@ -47,7 +47,7 @@ class Running:
 class World:
     """What stands and what is scheduled; `told` remembers every assertion in the order of recording.
 
-    `runs` are the actions that run or ran.
+    `runs` are the actions that run or ran; `expecting` is whether the time that passes lies ahead.
     """
 
     told: list[Told] = field(default_factory=list)
@@ -56,6 +56,7 @@ class World:
     runs: list[Running] = field(default_factory=list)
     domain: RefDomain | None = None
     use_unknowns: bool = False
+    expecting: bool = False
 
     @property
     def running(self) -> list[Running]:
@@ -108,4 +109,6 @@ class World:
             told.end, told.ended_by, told.end_cause = ending.start, ending.recorded, "object"
         for run in self.running:
             if ending.item.name in run.start.arguments:
+                if not self.expecting:
+                    raise Unsettled("an object of what runs has ended by the clock")
                 run.ended = ending.start
