@@ -52,8 +52,7 @@ class Database:
         self._owns_engine = not isinstance(url, Engine)
         self.engine = url if isinstance(url, Engine) else make_engine(url, busy_timeout=busy_timeout)
         self.dialect = self.engine.dialect.name
-        if self.dialect not in ("sqlite", "postgresql"):
-            raise StoreUnavailable(f"kbstore keeps its store in SQLite or PostgreSQL, not in {self.dialect}")
+        _refuse_others(self.dialect)
         self._durability = durability
         self._read_only = read_only
         self._busy_timeout = busy_timeout
@@ -142,9 +141,9 @@ class Database:
                 connection = self.engine.connect().execution_options(isolation_level="AUTOCOMMIT")
             session = Session(connection, self._name(), self._busy_timeout)
             try:
+                session.configure(self._settings(), restore=not self._owns_engine)
                 if self.dialect == "sqlite" and not self._is_in_memory and not self._read_only:
                     self._use_write_ahead_log(session.driver)
-                session.configure(self._settings(), restore=not self._owns_engine)
             except BaseException:
                 session.close(give_back=not self._owns_engine)
                 raise
@@ -180,7 +179,6 @@ class Database:
         """
         deadline = time.monotonic() + self._busy_timeout
         with self.translating():
-            driver.execute(f"PRAGMA busy_timeout = {int(self._busy_timeout * 1000)}")
             while True:
                 try:
                     driver.execute("PRAGMA journal_mode = WAL").fetchone()
@@ -332,6 +330,7 @@ def make_engine(url: str | os.PathLike[str] | URL, *, busy_timeout: float = BUSY
             parsed = make_url(text) if "://" in text else URL.create("sqlite", database=str(Path(text)))
         except ArgumentError as error:
             raise StoreUnavailable(f"{text!r} is neither a database URL nor a path: {error}") from None
+    _refuse_others(parsed.get_backend_name())
     if parsed.drivername == "postgresql":
         parsed = parsed.set(drivername="postgresql+psycopg")
     try:
@@ -348,3 +347,8 @@ def make_engine(url: str | os.PathLike[str] | URL, *, busy_timeout: float = BUSY
         raise StoreUnavailable(
             f"the driver {error.name} is not installed; for PostgreSQL: pip install 'kbstore[postgresql]'"
         ) from None
+
+
+def _refuse_others(backend: str) -> None:
+    if backend not in ("sqlite", "postgresql"):
+        raise StoreUnavailable(f"kbstore keeps its store in SQLite or PostgreSQL, not in {backend}")

@@ -2,8 +2,8 @@
 
 Source: H.-P. Kriegel, M. Pötke, T. Seidl, "Managing Intervals Efficiently in Object-Relational Databases",
 VLDB 2000. Every closed interval is kept under one node of a virtual binary tree over time: the one within it where
-the paths from the root to its two ends part. The intervals that contain a time t are kept on the path from the root to t, so they are found by
-at most 63 index look-ups of each side, however long the history.
+the paths from the root to its two ends part. The intervals that contain a time t are kept on the path from the root
+to t, so they are found by at most 63 index look-ups of each side, however long the history.
 """
 
 from functools import lru_cache

@@ -1,0 +1,320 @@
+"""Connections: what is set on them, whose they are, and which error of a driver is raised as what."""
+
+import re
+import sqlite3
+import threading
+
+import psycopg
+import pytest
+import sqlalchemy as sa
+from sqlalchemy.pool import StaticPool
+
+import kbstore
+from kbstore.errors import StoreUnavailable
+from kbstore.storage.engine import Database, make_engine
+from kbstore.storage.session import unavailable
+from kbstore.storage.statements import Statement
+
+PRAGMAS = ("journal_mode", "synchronous", "foreign_keys", "busy_timeout", "query_only")
+
+
+@pytest.fixture
+def path(tmp_path):
+    """Where a store in a file is made."""
+    return tmp_path / "store.db"
+
+
+def pragmas(driver):
+    return {name: driver.execute(f"PRAGMA {name}").fetchone()[0] for name in PRAGMAS}
+
+
+def settings(driver):
+    names = ("synchronous_commit", "lock_timeout", "default_transaction_read_only")
+    return {name: driver.execute(f"SHOW {name}").fetchone()[0] for name in names}
+
+
+# -- settings -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("durability", "synchronous"), [("full", 2), ("normal", 1)])
+def test_durability_is_sqlites_synchronous(path, durability, synchronous):
+    """A file is in WAL mode with foreign keys; "full" waits for the disk at each commit, "normal" at checkpoints."""
+    with kbstore.open(path, durability=durability, busy_timeout=2.5) as kb, kb._database.asking() as session:
+        assert pragmas(session.driver) == {
+            "journal_mode": "wal",
+            "synchronous": synchronous,
+            "foreign_keys": 1,
+            "busy_timeout": 2500,
+            "query_only": 0,
+        }
+
+
+@pytest.mark.parametrize(("durability", "synchronous"), [("full", "on"), ("normal", "off")])
+def test_durability_is_postgresqls_synchronous_commit(postgresql_url, durability, synchronous):
+    """On PostgreSQL it is synchronous_commit; who waits for a lock waits as long as on SQLite."""
+    database = Database(postgresql_url, durability=durability, busy_timeout=2.5)
+    with database.asking() as session:
+        assert settings(session.driver) == {
+            "synchronous_commit": synchronous,
+            "lock_timeout": "2500ms",
+            "default_transaction_read_only": "off",
+        }
+    database.close()
+
+
+def test_read_only_is_held_by_the_database_itself(path, postgresql_url):
+    """A read-only connection refuses to change anything, whatever is tried on it."""
+    kbstore.open(path).close()
+    for url in (path, postgresql_url):
+        database = Database(url, read_only=True)
+        with pytest.raises(StoreUnavailable), database.asking() as session:
+            session.run(Statement("UPDATE knowledge_bases SET name = 'other'"), {})
+        database.close()
+
+
+@pytest.mark.parametrize("wrong", [{"durability": "none"}, {"busy_timeout": -1}, {"busy_timeout": float("nan")}])
+def test_settings_that_make_no_sense_are_refused(path, wrong):
+    """What cannot be set is refused before anything is opened."""
+    with pytest.raises(ValueError, match=next(iter(wrong))):
+        kbstore.open(path, **wrong)
+    assert not path.exists()
+
+
+# -- engines of the caller's ----------------------------------------------------------------------------------------
+
+
+def test_an_engine_of_the_callers_gets_its_connections_back_as_they_were(path):
+    """Isolation level and settings are the host's again, and its engine goes on after kbstore is closed."""
+    engine = sa.create_engine(f"sqlite:///{path}", pool_size=1, max_overflow=0)
+
+    @sa.event.listens_for(engine, "connect")
+    def configure(connection, _):
+        connection.execute("PRAGMA busy_timeout = 1234")
+        connection.execute("PRAGMA cache_size = 77")
+
+    with kbstore.open(engine, durability="normal") as kb:
+        kb.add("(raining)")
+    with engine.connect() as connection:
+        driver = connection.connection.driver_connection
+        assert driver.isolation_level == ""
+        found = pragmas(driver)
+        assert (found["busy_timeout"], found["foreign_keys"], found["synchronous"]) == (1234, 0, 2)
+        assert driver.execute("PRAGMA cache_size").fetchone() == (77,)
+        connection.exec_driver_sql("CREATE TABLE own (a)")
+        connection.exec_driver_sql("INSERT INTO own VALUES (1)")
+        connection.rollback()
+        assert connection.exec_driver_sql("SELECT count(*) FROM own").scalar() == 0
+    assert engine.pool.checkedin() == 1
+    engine.dispose()
+
+
+def test_an_engine_of_the_callers_on_postgresql(postgresql_url):
+    """The same on PostgreSQL, with settings that the host has made."""
+    options = {"options": "-c lock_timeout=7s -c synchronous_commit=local"}
+    engine = sa.create_engine(postgresql_url, pool_size=1, max_overflow=0, connect_args=options)
+    with kbstore.open(engine, "host", durability="normal") as kb:
+        kb.add("(raining)")
+    with kbstore.open(engine, "host", read_only=True) as kb:
+        assert kb.holds("(raining)")
+    with engine.connect() as connection:
+        driver = connection.connection.driver_connection
+        assert not driver.autocommit
+        connection.exec_driver_sql("CREATE TABLE own (a int)")
+        connection.rollback()
+        assert settings(driver) == {
+            "synchronous_commit": "local",
+            "lock_timeout": "7s",
+            "default_transaction_read_only": "off",
+        }
+        assert not sa.inspect(connection).has_table("own")
+    assert engine.pool.checkedin() == 1
+    engine.dispose()
+
+
+def test_closing_one_knowledge_base_leaves_the_engine_to_others(path):
+    """Two knowledge bases on one engine: closing the first does not concern the second."""
+    engine = sa.create_engine(f"sqlite:///{path}")
+    first, second = kbstore.open(engine, "first"), kbstore.open(engine, "second")
+    first.close()
+    second.add("(raining)")
+    assert second.holds("(raining)")
+    second.close()
+    engine.dispose()
+
+
+def test_a_pool_without_connections_is_told_of(path):
+    """Where the caller's pool has none left, the error says that kbstore keeps one for each thread."""
+    engine = sa.create_engine(f"sqlite:///{path}", pool_size=1, max_overflow=0, pool_timeout=0.05)
+    kb = kbstore.open(engine)
+    kb.add("(raining)")
+    errors = []
+
+    def ask():
+        with pytest.raises(StoreUnavailable, match="one for each thread") as refusal:
+            kb.holds("(raining)")
+        errors.append(refusal)
+
+    other = threading.Thread(target=ask)
+    other.start()
+    other.join()
+    assert errors
+    kb.close()
+    engine.dispose()
+
+
+def test_many_threads_need_no_larger_pool(path):
+    """Of an engine that kbstore makes itself, as many threads as there are have a connection at once."""
+    kb = kbstore.open(path)
+    kb.add("(raining)")
+    together = threading.Barrier(40)
+    answers = []
+
+    def ask():
+        answers.append(kb.holds("(raining)"))
+        together.wait(20)
+
+    threads = [threading.Thread(target=ask) for _ in range(40)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert answers == [True] * 40
+    assert len(kb._database._sessions) == 41
+    ask_again = threading.Thread(target=kb.holds, args=("(raining)",))
+    ask_again.start()
+    ask_again.join()
+    # those of threads that are gone were dropped when the next came
+    assert len(kb._database._sessions) == 2
+    kb.close()
+
+
+def test_a_store_in_memory_may_be_the_callers(path):
+    """An engine on a database in memory works, also in other threads, where its one connection may go there."""
+    del path
+    arguments = {"poolclass": StaticPool, "connect_args": {"check_same_thread": False}}
+    engine = sa.create_engine("sqlite://", **arguments)
+    with kbstore.open(engine) as kb:
+        adding = threading.Thread(target=kb.add, args=("(raining)",))
+        adding.start()
+        adding.join()
+        assert kb.holds("(raining)")
+    engine.dispose()
+
+
+# -- errors ---------------------------------------------------------------------------------------------------------
+
+
+def sqlite_error(code, text="reason"):
+    error = sqlite3.OperationalError(text)
+    error.sqlite_errorcode = code
+    return error
+
+
+@pytest.mark.parametrize(
+    ("error", "expected"),
+    [
+        (sqlite_error(sqlite3.SQLITE_BUSY), r"store has been locked by others for more than 2\.5 s .* busy_timeout"),
+        (sqlite_error(sqlite3.SQLITE_BUSY_SNAPSHOT), "has been locked"),
+        (sqlite_error(sqlite3.SQLITE_LOCKED_SHAREDCACHE), "has been locked"),
+        (sqlite_error(sqlite3.SQLITE_PROTOCOL), "has been locked"),
+        (sqlite_error(sqlite3.SQLITE_CORRUPT), "store is damaged, or no SQLite database .* backup"),
+        (sqlite_error(sqlite3.SQLITE_NOTADB), "store is damaged, or no SQLite database"),
+        (sqlite_error(sqlite3.SQLITE_READONLY_DBMOVED), "reason; .* read_only=True"),
+        (sqlite_error(sqlite3.SQLITE_FULL), "store: reason; what was committed before is intact"),
+        (sqlite_error(sqlite3.SQLITE_IOERR_WRITE), "store: reason; what was committed before is intact"),
+        (sqlite3.ProgrammingError("closed"), "store: closed; what was committed before is intact"),
+        (sqlite3.OperationalError(), "store: OperationalError; what was"),
+        (psycopg.errors.LockNotAvailable("waited"), r"locked by others for more than 2\.5 s \(waited\)"),
+        (psycopg.errors.DiskFull("no space"), "store: no space; what was committed before is intact"),
+        (psycopg.OperationalError("gone"), "store: gone; .* the next call goes on"),
+    ],
+)
+def test_errors_of_drivers_say_what_to_do(error, expected):
+    """Each error of a driver is `StoreUnavailable`: which store, what happened, and what to do about it."""
+    found = unavailable(error, "store", 2.5)
+    assert isinstance(found, StoreUnavailable)
+    assert re.search(expected, str(found)), found
+
+
+def test_an_error_of_the_callers_own_database_stays_what_it_is(kb):
+    """Only kbstore's own errors are translated: what a caller's own code raises in a block comes out unchanged."""
+
+    def fail():
+        with kb.transaction() as transaction:
+            transaction.add("(raining)")
+            raise sqlite3.OperationalError("own")
+
+    with pytest.raises(sqlite3.OperationalError, match="own"):
+        fail()
+    assert not kb.holds("(raining)")
+
+
+def test_an_error_within_a_block_is_typed_where_it_arises(tmp_path):
+    """A statement that fails in a transaction raises `StoreUnavailable` there, so that the block can catch it."""
+    kb = kbstore.open(tmp_path / "store.db")
+    with kb.transaction() as transaction:
+        session = transaction._session
+        with pytest.raises(StoreUnavailable, match="no such table"):
+            session.all(Statement("SELECT * FROM nowhere"), {})
+        transaction.add("(raining)")
+    assert kb.holds("(raining)")
+    kb.close()
+
+
+def test_after_sqlite_has_rolled_back_by_itself_nothing_more_is_done(tmp_path):
+    """After an error that ended the transaction no statement takes effect on its own: all of it is refused."""
+    kb = kbstore.open(tmp_path / "store.db")
+    add = Statement("INSERT INTO knowledge_bases VALUES (:id, :name, false, 0, 0, 0, 0, 0)")
+
+    def go_on():
+        with kb._database.writing() as session:
+            session.run(add, {"id": 7, "name": "seven"})
+            with pytest.raises(StoreUnavailable):
+                session.run(Statement("INSERT OR ROLLBACK INTO knowledge_bases SELECT * FROM knowledge_bases"), {})
+            session.run(add, {"id": 8, "name": "eight"})
+
+    with pytest.raises(StoreUnavailable, match="rolled back"):
+        go_on()
+    assert kbstore.knowledge_bases(tmp_path / "store.db") == ["default"]
+    kb.add("(raining)")
+    kb.close()
+
+
+@pytest.mark.parametrize(
+    ("url", "expected"),
+    [
+        ("/nowhere/at/all/store.db", "unable to open database file"),
+        ("mysql://host/db", "mysql"),
+        ("postgresql://127.0.0.1:9/none?connect_timeout=2", "127.0.0.1"),
+        ("://", "neither a database URL nor a path"),
+    ],
+)
+def test_a_store_that_cannot_be_reached(url, expected):
+    """Wherever a store is not, opening it says so in one error."""
+    with pytest.raises(StoreUnavailable, match=expected):
+        kbstore.open(url)
+
+
+def test_passwords_are_not_told():
+    """An error names the store without the password that its URL has."""
+    with pytest.raises(StoreUnavailable) as refusal:
+        kbstore.open("postgresql://kenny:secret@127.0.0.1:9/none?connect_timeout=2")
+    assert "secret" not in str(refusal.value)
+    assert "kenny:***@127.0.0.1" in str(refusal.value)
+
+
+def test_what_is_no_database_is_told_apart(tmp_path):
+    """A file that is no SQLite database is refused, and left as it is."""
+    file = tmp_path / "notes.txt"
+    file.write_text("buy milk " * 200)
+    with pytest.raises(StoreUnavailable, match="not a database"):
+        kbstore.open(file)
+    assert file.read_text() == "buy milk " * 200
+
+
+def test_engines_that_kbstore_makes():
+    """A path is a file, :memory: and no path are memory, postgresql is driven by psycopg."""
+    assert str(make_engine("a/b.db").url) == "sqlite:///a/b.db"
+    assert isinstance(make_engine(":memory:").pool, StaticPool)
+    assert isinstance(make_engine("sqlite://").pool, StaticPool)
+    assert make_engine("postgresql://h/d").url.drivername == "postgresql+psycopg"
