@@ -265,6 +265,11 @@ class OpenTransaction:
     def load(self, domain: object = None, problem: object = None, *, replace: bool = False) -> None:
         """Load a domain, and a problem: paths, or PDDL text. `replace` clears first (rules D4, P3)."""
         self._is_whole = False
+        with without_collection():
+            self._load(domain, problem, replace=replace)
+        self._is_whole = True
+
+    def _load(self, domain: object, problem: object, *, replace: bool) -> None:
         loaded = self._vocabulary.domain if domain is None else read_domain(domain)  # type: ignore[arg-type]
         read = None if problem is None else read_problem(problem, loaded)  # type: ignore[arg-type]
         if replace:
@@ -277,7 +282,6 @@ class OpenTransaction:
                 wanted.note(Role.STATE, item)
             wanted.load(self._draft)
             self._apply(problem_updates(read, self.now, self._update, self._editor.add_constraint))
-        self._is_whole = True
 
     def _marked(self, domain: Domain) -> Domain:
         """The domain with the marks of what is sensed that the one before had."""
