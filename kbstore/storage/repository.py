@@ -97,6 +97,7 @@ class Repository:
         self._session = session
         self._kb = kb
         self._cache = cache
+        self._places: dict[Moment, dict[str, Any]] = {}
 
     # -- the record -------------------------------------------------------------------------------------------
 
@@ -234,6 +235,10 @@ class Repository:
         return self._standing(self._session.all(statement, self._place(moment)))
 
     def _place(self, moment: Moment) -> dict[str, Any]:
+        """The parameters that say a place in the record; the same for each of the tables."""
+        known = self._places.get(moment)
+        if known is not None:
+            return known
         left, right = path(moment.time)
         array = self._session.array
         place: dict[str, Any] = {
@@ -245,6 +250,7 @@ class Repository:
         }
         if moment.number is not None:
             place |= {"number": moment.number, "latest": moment.latest}
+        self._places[moment] = place
         return place
 
     def _standing(self, rows: list[Row]) -> list[Standing]:
