@@ -1,6 +1,6 @@
 """Random durative actions in kbstore and in the naive reference: what runs, what it moves, and what is expected of it.
 
-Times are multiples of half a second and numbers are halves, so that all arithmetic is exact in any order.
+Values are compared to six decimals: in which order the contributions of what runs add up is not laid down.
 """
 
 import contextlib
@@ -123,8 +123,8 @@ def pddl() -> str:
 
 
 def comparable(answer):
-    """An answer without what the rules leave open about moving functions: since when, and with which rate."""
-    values = frozenset((replace(item, rate=0.0), 0) for item, _ in answer.functions)
+    """An answer without what the rules leave open about moving functions: since when, with which rate, and rounding."""
+    values = frozenset((replace(item, value=round(item.value, 6), rate=0.0), 0) for item, _ in answer.functions)
     return replace(answer, functions=values)
 
 
