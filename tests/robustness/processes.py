@@ -1,0 +1,128 @@
+"""Processes that share a store: forked from a server that has everything imported, so that they start at once."""
+
+import multiprocessing
+import os
+import time
+
+import kbstore
+from kbstore.errors import Conflict
+
+_context = multiprocessing.get_context("forkserver")
+_context.set_forkserver_preload(["tests.robustness.processes", "psycopg", "alembic.command"])
+
+FULL = bool(os.environ.get("KBSTORE_TEST_FULL"))
+"""Whether everything is tried as often as one could wish; the usual run is content with less."""
+
+TOO_LONG = 120
+"""Seconds after which something hangs."""
+
+
+def start(target, *arguments):
+    """A started process."""
+    process = _context.Process(target=target, args=arguments)
+    process.start()
+    return process
+
+
+def finish(*processes):
+    """Wait for processes, all of which have to succeed."""
+    deadline = time.monotonic() + TOO_LONG
+    for process in processes:
+        process.join(max(0.0, deadline - time.monotonic()))
+    codes = [process.exitcode for process in processes]
+    for process in processes:
+        process.kill()
+    assert codes == [0] * len(processes)
+
+
+def barrier(parties):
+    """Where started processes wait for each other."""
+    return _context.Barrier(parties, timeout=TOO_LONG)
+
+
+def queue():
+    """What started processes answer through; room for a few thousand short answers."""
+    return _context.SimpleQueue()
+
+
+def answers(source):
+    """What has been answered so far."""
+    found = []
+    while not source.empty():
+        found.append(source.get())
+    return found
+
+
+# -- what the processes do ------------------------------------------------------------------------------------------
+
+
+def increment(url, name, times, together):
+    """Increase a counter, when all are ready."""
+    with kbstore.open(url, name) as kb:
+        together.wait()
+        for _ in range(times):
+            kb.add("(increase (counter) 1)")
+
+
+def open_and_add(url, name, number, together):
+    """Open a knowledge base that nobody has opened before, all at once, and add something."""
+    together.wait()
+    with kbstore.open(url, name) as kb:
+        kb.add(f"(here p{number})")
+
+
+def race(url, name, me, rounds, together, won):
+    """In each round all expect the same transaction to be the latest, and try to follow it."""
+    with kbstore.open(url, name) as kb:
+        latest = 1
+        for _ in range(rounds):
+            together.wait()
+            latest = max((change.number for change in kb.changes(after=latest)), default=latest)
+            together.wait()
+            try:
+                with kb.transaction(expect=latest, client=f"p{me}") as transaction:
+                    transaction.add(f"(holder p{me} t{latest})")
+            except Conflict:
+                continue
+            won.put((latest, me, transaction.result.number))
+
+
+def write(url, name, me, times):
+    """Add one thing after another."""
+    with kbstore.open(url, name) as kb:
+        for number in range(times):
+            kb.add(f"(said p{me} n{number})", client=f"p{me}")
+
+
+def follow(url, name, after, upto, seen):
+    """Ask for changes again and again, each time from the last number on."""
+    with kbstore.open(url, name) as kb:
+        while after < upto:
+            for change in kb.changes(after=after):
+                after = change.number
+                seen.put((change.number, str(change.asserted[0].item)))
+
+
+def watch(url, name, after, upto, seen):
+    """Watch until a transaction comes."""
+    with kbstore.open(url, name) as kb:
+        for change in kb.watch(after=after, poll=0.005):
+            seen.put((change.number, str(change.asserted[0].item)))
+            if change.number >= upto:
+                return
+
+
+def keep_watching(url, name, diary, upto):
+    """Watch until a transaction comes, noting each change in a file; go on from the last that is noted there."""
+    with kbstore.open(url, name) as kb, open(diary, "a+b", buffering=0) as file:
+        file.seek(0)
+        noted = file.read()
+        # a line that the kill has cut off was not noted
+        file.truncate(noted.rfind(b"\n") + 1)
+        after = max((int(line) for line in noted.split(b"\n")[:-1]), default=0)
+        while after < upto:
+            for change in kb.watch(after=after, poll=0.005, timeout=0.5):
+                file.write(b"%d\n" % change.number)
+                after = change.number
+                if after >= upto:
+                    break
