@@ -26,7 +26,7 @@ from kbstore.interop.up_symbols import (
     library,
     quantified,
 )
-from kbstore.logic import Atom
+from kbstore.logic import Atom, atoms_of
 from kbstore.messages import Condition, Expression, Fact, Function, Goal, Inequality, KnowledgeItem, SpecialType
 from kbstore.messages.base import format_number
 from kbstore.names import key
@@ -206,6 +206,10 @@ class _Translation:
 
     def _metric(self, metric: Expression) -> Any:
         expression = from_composite(metric.expr)
+        if any(key(function.name) == "is-violated" for function in atoms_of(expression)):
+            raise InvalidKnowledge(
+                "(is-violated ...) counts preferences, which have no counterpart in unified_planning"
+            )
         metrics = self._up.model.metrics
         minimize = metric.optimization == "minimize"
         if minimize and len(expression) == 1 and expression[0] is SpecialType.TOTAL_TIME:

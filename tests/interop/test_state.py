@@ -107,6 +107,15 @@ def test_metrics_without_a_counterpart_are_refused(metric: str):
         to_problem(state(metric=metric))
 
 
+def test_a_metric_that_counts_preferences_is_refused():
+    """It is named beside the preference itself, and what else is refused."""
+    with pytest.raises(InvalidKnowledge) as caught:
+        to_problem(state(goals=[Condition(text="(preference a (open))")], metric="minimize (is-violated a)"))
+    goal, metric = caught.value.violations
+    assert "(preference a (open))" in goal
+    assert "the metric minimize (is-violated a): (is-violated ...) counts preferences" in metric
+
+
 def test_constraints():
     """PDDL 3.0: constraints on the course of a plan that the library has words for."""
     constraints = [
