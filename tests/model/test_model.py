@@ -154,6 +154,9 @@ class Agreement(RuleBasedStateMachine):
         assert self.kb.truth(item, at=at) is expected
         assert self.kb.holds(item, at=at) is (expected is Truth.TRUE)
         assert self.kb.query(item, at=at).all_true is (expected is Truth.TRUE)
+        explanation = self.kb.explain(f"({' '.join([fact.name, *fact.arguments])})", at=at)
+        given = (explanation.reason, explanation.transaction.number if explanation.transaction else None)
+        assert given == self.reference.reason(fact, at)
 
     @rule(number=universe.assignments, ahead=st.integers(-6, 6))
     def ask_about_a_number(self, number, ahead):

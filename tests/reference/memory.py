@@ -208,7 +208,7 @@ class Reference:
         ended = [told for told in world.told if told.timeline == line and told.end is not None]
         if not ended:
             return "never told", None
-        last = ended[-1]
+        last = max(ended, key=lambda told: (told.end or 0, told.start, told.recorded))
         return ("expired with its instance" if last.end_cause == "object" else "removed"), last.ended_by
 
 
