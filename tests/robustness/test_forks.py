@@ -1,0 +1,312 @@
+"""Forks: a child opens its own connections, the parent goes on with its own, and nothing that either stored is lost."""
+
+import multiprocessing
+import os
+import subprocess
+import sys
+import threading
+import time
+import traceback
+from contextlib import suppress
+
+import pytest
+import sqlalchemy as sa
+
+import kbstore
+from kbstore.errors import StoreUnavailable
+from kbstore.storage import forks
+
+pytestmark = [
+    pytest.mark.skipif(not hasattr(os, "fork"), reason="this system has no fork"),
+    # what newer versions of Python warn of is what is tested here
+    pytest.mark.filterwarnings("ignore:This process .* is multi-threaded:DeprecationWarning"),
+]
+
+
+class Child:
+    """A forked process that does something; `done` says that it succeeded."""
+
+    def __init__(self, act, *arguments):
+        self.pid = os.fork()
+        if not self.pid:
+            code = 1
+            try:
+                act(*arguments)
+                code = 0
+            except BaseException:
+                traceback.print_exc()
+            finally:
+                os._exit(code)
+
+    def done(self):
+        return os.waitstatus_to_exitcode(os.waitpid(self.pid, 0)[1]) == 0
+
+
+class Signal:
+    """What one process waits for until another sends it."""
+
+    def __init__(self):
+        self._reading, self._writing = os.pipe()
+
+    def send(self):
+        os.write(self._writing, b".")
+
+    def wait(self):
+        assert os.read(self._reading, 1) == b"."
+
+
+def texts(kb):
+    return {str(fact) for fact in kb.state().facts}
+
+
+@pytest.fixture
+def kb(shared_url, name):
+    """A knowledge base that parent and child share."""
+    kb = kbstore.open(shared_url, name)
+    kb.add("(by parent)")
+    yield kb
+    kb.close()
+
+
+def test_parent_and_child_go_on(kb):
+    """Both ask and write through the same object after the fork, and see what the other has stored."""
+    written, seen = Signal(), Signal()
+
+    def act():
+        assert texts(kb) == {"(by parent)"}
+        kb.add("(by child)")
+        written.send()
+        seen.wait()
+        assert kb.holds("(by parent_again)")
+
+    child = Child(act)
+    written.wait()
+    assert kb.holds("(by child)")
+    kb.add("(by parent_again)")
+    seen.send()
+    assert child.done()
+    assert [change.number for change in kb.changes()] == [1, 2, 3]
+
+
+def test_children_of_children(kb):
+    """A child may fork in its turn; each process in the line stores what it stores."""
+
+    def descend(depth):
+        kb.add(f"(by child{depth})")
+        if depth:
+            assert Child(descend, depth - 1).done()
+        assert kb.holds("(by child0)")
+
+    assert Child(descend, 3).done()
+    assert texts(kb) == {"(by parent)", *(f"(by child{depth})" for depth in range(4))}
+
+
+def test_a_child_that_outlives_the_parents_connection_loses_nothing(shared_url, name):
+    """What a child stores stays, also after the parent has closed what it had opened before the fork.
+
+    SQLite would take the parent's connection for the file's last, and delete the log that the child writes to, if
+    the child had left the inherited connection open beside its own.
+    """
+    kb = kbstore.open(shared_url, name)
+    kb.add("(by parent)")
+    unused = kbstore.open(shared_url, f"{name} unused")
+    ready, closed = Signal(), Signal()
+
+    def act():
+        kb.add("(by child)")
+        ready.send()
+        closed.wait()
+        kb.add("(by orphan)")
+
+    child = Child(act)
+    ready.wait()
+    kb.close()
+    unused.close()
+    closed.send()
+    assert child.done()
+    with kbstore.open(shared_url, name) as again:
+        assert texts(again) == {"(by parent)", "(by child)", "(by orphan)"}
+
+
+def test_connections_idle_in_a_pool_of_the_callers(path):
+    """The same where the parent's connection lay idle in the pool of an engine of the caller's."""
+    engine = sa.create_engine(f"sqlite:///{path}")
+    first = kbstore.open(engine)
+    first.add("(by parent)")
+    kb = kbstore.open(engine)
+    first.close()
+    ready, closed = Signal(), Signal()
+
+    def act():
+        kb.add("(by child)")
+        ready.send()
+        closed.wait()
+        kb.add("(by orphan)")
+
+    child = Child(act)
+    ready.wait()
+    kb.close()
+    engine.dispose()
+    closed.send()
+    assert child.done()
+    with kbstore.open(path) as again:
+        assert texts(again) == {"(by parent)", "(by child)", "(by orphan)"}
+
+
+def test_multiprocessing_with_fork(kb):
+    """Processes of multiprocessing, started by fork, are children like others."""
+    context = multiprocessing.get_context("fork")
+    processes = [context.Process(target=kb.add, args=(f"(by process{number})",)) for number in range(3)]
+    for process in processes:
+        process.start()
+    for process in processes:
+        process.join(30)
+    assert [process.exitcode for process in processes] == [0, 0, 0]
+    assert texts(kb) == {"(by parent)", "(by process0)", "(by process1)", "(by process2)"}
+
+
+def test_a_store_in_memory_is_copied():
+    """In memory the child has a copy of its own, as of all that the process has in memory."""
+    kb = kbstore.open("sqlite://")
+    kb.add("(by parent)")
+
+    def act():
+        assert kb.holds("(by parent)")
+        kb.add("(by child)")
+        assert texts(kb) == {"(by parent)", "(by child)"}
+
+    assert Child(act).done()
+    assert texts(kb) == {"(by parent)"}
+    kb.close()
+
+
+def test_a_transaction_stays_with_the_parent(kb):
+    """A child that was forked within a transaction cannot use it, however it leaves the block; the parent can."""
+
+    def act(transaction):
+        with pytest.raises(StoreUnavailable, match="stays with the parent"):
+            transaction.add("(by child)")
+
+    with kb.transaction() as transaction:
+        transaction.add("(within transaction)")
+        assert Child(act, transaction).done()
+        transaction.add("(after fork)")
+    assert texts(kb) == {"(by parent)", "(within transaction)", "(after fork)"}
+
+    def leave():
+        with suppress(KeyboardInterrupt), kb.transaction() as transaction:
+            transaction.add("(stored once)")
+            pid = os.fork()
+            if not pid:
+                raise KeyboardInterrupt
+            assert os.waitpid(pid, 0)[1] == 0
+
+    assert Child(leave).done()
+    assert kb.holds("(stored once)")
+    assert [change.number for change in kb.changes()] == [1, 2, 3]
+
+
+def test_a_child_forked_within_a_transaction_opens_the_store_anew(kb, shared_url):
+    """It sees what is committed, waits for the parent's lock like any other process, and then writes."""
+    ready = Signal()
+
+    def act():
+        with kbstore.open(shared_url, kb.name) as own:
+            assert texts(own) == {"(by parent)"}
+            ready.send()
+            own.add("(by child)")
+
+    with kb.transaction() as transaction:
+        transaction.add("(within transaction)")
+        child = Child(act)
+        ready.wait()
+        time.sleep(0.05)
+    assert child.done()
+    assert texts(kb) == {"(by parent)", "(within transaction)", "(by child)"}
+
+
+def test_forking_while_threads_work(kb):
+    """Forks wait until other threads are out of the store: the child works, and no thread notices."""
+    stop = threading.Event()
+    failures = []
+
+    def work():
+        try:
+            while not stop.is_set():
+                kb.add("(increase (counter) 1)" if kb.query("(counter)") else "(= (counter) 0)")
+                kb.state()
+        except BaseException as error:
+            failures.append(error)
+
+    threads = [threading.Thread(target=work) for _ in range(3)]
+    for thread in threads:
+        thread.start()
+    children = [Child(kb.add, f"(by child{number})") for number in range(6)]
+    assert all(child.done() for child in children)
+    stop.set()
+    for thread in threads:
+        thread.join()
+    assert not failures
+    assert texts(kb) == {"(by parent)", *(f"(by child{number})" for number in range(6))}
+
+
+def test_a_fork_in_the_middle_of_another_threads_transaction(path, monkeypatch):
+    """Where another thread does not leave SQLite in time, the child is told that it can't use files of SQLite.
+
+    It has no way to do so safely; the parent goes on.
+    """
+    monkeypatch.setattr(forks, "PATIENCE", 0.1)
+    kb = kbstore.open(path)
+    kb.add("(by parent)")
+    entered, leave = threading.Event(), threading.Event()
+
+    def hold():
+        with kb.transaction() as transaction:
+            transaction.add("(by thread)")
+            entered.set()
+            leave.wait(20)
+
+    def act():
+        for ask in (kb.state, lambda: kbstore.open(path)):
+            with pytest.raises(StoreUnavailable, match="forked while its parent was within an SQLite store"):
+                ask()
+
+    holder = threading.Thread(target=hold)
+    holder.start()
+    entered.wait(10)
+    assert Child(act).done()
+    leave.set()
+    holder.join()
+    assert texts(kb) == {"(by parent)", "(by thread)"}
+    assert Child(kb.add, "(by child)").done()
+    assert kb.holds("(by child)")
+    kb.close()
+
+
+LEAVING = """
+import os, sys
+import kbstore
+kb = kbstore.open(sys.argv[1], sys.argv[2])
+kb.add("(by parent)")
+for uses in (False, True):
+    pid = os.fork()
+    if not pid:
+        if uses:
+            kb.add("(by child)")
+        sys.exit(0)
+    assert os.waitpid(pid, 0)[1] == 0
+    assert kb.holds("(by parent)")
+    with kb.transaction() as transaction:
+        transaction.add(f"(after {str(uses).lower()})")
+kb.close()
+"""
+
+
+def test_a_child_that_ends_like_any_program(shared_url, name):
+    """A child that ends by itself, whether it has used the store or not, does not end its parent's connection."""
+    done = subprocess.run(
+        [sys.executable, "-c", LEAVING, shared_url, name], capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    with kbstore.open(shared_url, name) as kb:
+        assert texts(kb) == {"(by parent)", "(by child)", "(after false)", "(after true)"}
