@@ -42,7 +42,7 @@ odd_objects = st.sampled_from(
     [Object("a", "room"), Object("b", "robot"), Object("r", "place"), Object("home", "place"), Object("a", "dragon")]
 )
 objects = weighted((7, likely_objects), (1, odd_objects))
-ends = likely_objects.map(lambda item: replace(item, positive=False))
+ends = objects.map(lambda item: replace(item, positive=False))
 
 places = st.sampled_from([*["a", "b"] * 8, "home", "home", "r", "x"])
 robots = st.sampled_from([*["r"] * 14, "a", "x"])

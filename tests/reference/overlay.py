@@ -99,6 +99,8 @@ class Overlay(Draft):
         if found:
             self.violations += found
             return
+        if isinstance(item, Object) and not item.positive and self.type_at(item.name, at - 1) not in (None, item.type):
+            return  # as in a removal, the type must match, or nothing changes (rules C4, C9)
         if isinstance(item, Number) and item.operation != "assign":
             if at > self.now:
                 self.failures.append(Refused("ScheduledRelativeChange", str(item)))

@@ -237,10 +237,18 @@ def test_a_clock_far_behind_is_refused(kb):
         kb.write(1 * S - 1, [add(LIT)])
 
 
-def test_what_no_rule_decides_is_not_expected(kb):
-    """The reference says so instead of guessing: here, the scheduled end of what does not exist."""
+def test_what_no_rule_decides_is_not_expected():
+    """The reference says so instead of guessing: here, what speaks of an object between its end and its next start."""
+    kb = Reference()
+    kb.write(10, [add(A), add(Object("a", "place", positive=False), at=20), add(OPEN, at=30)])
     with pytest.raises(Unsettled):
-        kb.write(30, [add(Object("b", "place", positive=False), at=50)])
+        kb.write(15, [remove(A)])
+
+
+def test_the_end_of_what_does_not_exist_changes_nothing_else(kb):
+    """C9: it is recorded; with another type than the object has, not even that (C4)."""
+    assert kb.write(30, [add(Object("b", "place", positive=False), at=50)]) == 1
+    assert kb.write(30, [add(Object("a", "robot", positive=False), at=50)]) == 0
 
 
 DRIVE = RefAction(
