@@ -207,9 +207,7 @@ class _Translation:
     def _metric(self, metric: Expression) -> Any:
         expression = from_composite(metric.expr)
         if any(key(function.name) == "is-violated" for function in atoms_of(expression)):
-            raise InvalidKnowledge(
-                "(is-violated ...) counts preferences, which have no counterpart in unified_planning"
-            )
+            raise InvalidKnowledge("(is-violated ...) counts preferences, and unified_planning has none")
         metrics = self._up.model.metrics
         minimize = metric.optimization == "minimize"
         if minimize and len(expression) == 1 and expression[0] is SpecialType.TOTAL_TIME:
