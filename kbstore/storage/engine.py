@@ -57,6 +57,8 @@ class Database:
         self._read_only = read_only
         self._busy_timeout = busy_timeout
         self._is_in_memory = isinstance(self.engine.pool, StaticPool | SingletonThreadPool)
+        is_file = self.dialect == "sqlite" and not self._is_in_memory
+        self._path = os.path.abspath(self.engine.url.database or "") if is_file else None
         self._is_closed = False
         self._shared: Session | None = None
         self._local = threading.local()
@@ -87,11 +89,30 @@ class Database:
         with self.asking() as session:
             session.begin(write=True)
             try:
+                self._refuse_moved(session)
                 yield session
                 session.commit()
             except BaseException:
                 session.rollback()
                 raise
+
+    def _refuse_moved(self, session: Session) -> None:
+        """Raise where what is written would go to a file that nobody finds any more; SQLite would not notice."""
+        if session.file is not None and session.file != self._file():
+            raise StoreUnavailable(
+                f"{self._name()} has been moved, deleted or replaced since it was opened; put the file back, or open "
+                "what is there now with kbstore.open()"
+            )
+
+    def _file(self) -> tuple[int, int] | None:
+        """Which file is at the store's path now."""
+        if self._path is None:
+            return None
+        try:
+            found = os.stat(self._path)
+        except OSError:
+            return None
+        return found.st_dev, found.st_ino
 
     def asking(self) -> "_Asking":
         """This thread's session for single statements, each on the latest commit."""
@@ -150,6 +171,7 @@ class Database:
             if self._is_in_memory:
                 self._shared = session
             else:
+                session.file = self._file()
                 self._local.session = session
                 self._drop_those_of_dead_threads()
                 self._sessions[threading.get_ident()] = (threading.current_thread(), session)

@@ -36,6 +36,7 @@ class Session:
         lock: held by the thread that uses the session.
         uses: how many times over that thread does so.
         is_lost: whether the connection does not work any more.
+        file: which file it has open, where that can be told.
     """
 
     def __init__(self, connection: sqlalchemy.Connection, store: str, busy_timeout: float) -> None:
@@ -45,6 +46,7 @@ class Session:
         self.lock = threading.RLock()
         self.uses = 0
         self.is_lost = False
+        self.file: tuple[int, int] | None = None
         self.in_transaction = False
         self._has_written = False
         self._store = store
