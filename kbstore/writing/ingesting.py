@@ -73,7 +73,7 @@ def _add(transaction: OpenTransaction, chunk: Sequence[object], before: int) -> 
                 violations += [f"item {number:,}: {sentence}" for sentence in error.violations]
             except KbStoreError as error:
                 if not violations:
-                    error.args = (f"item {number:,}: {error}; {_kept(before)}", *error.args[1:])
+                    error.args = (f"item {number:,} ({_kept(before)}): {error}", *error.args[1:])
                     raise
         if not violations:
             raise
