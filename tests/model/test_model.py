@@ -1,14 +1,15 @@
 """Random transactions in kbstore and in the naive reference: both answer the same about every time.
 
-KBSTORE_TEST_EXAMPLES sets how many sequences of transactions are tried on each store; beyond the usual number they
-are new ones on each run.
+Usually some sequences of transactions are tried on each store, the same on each run, and a failure is shown as it was
+found. KBSTORE_TEST_EXAMPLES asks for more: new ones on each run, and a failure is made as short as possible, which
+takes minutes.
 """
 
 import os
 from itertools import pairwise
 
 import pytest
-from hypothesis import HealthCheck, settings
+from hypothesis import HealthCheck, Phase, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import (
     RuleBasedStateMachine,
@@ -33,7 +34,8 @@ SETTINGS = settings(
     deadline=None,
     derandomize=not EXAMPLES,
     database=None,
-    print_blob=True,
+    report_multiple_bugs=False,
+    phases=[Phase.generate, Phase.shrink] if EXAMPLES else [Phase.generate],
     suppress_health_check=list(HealthCheck),
 )
 
@@ -60,6 +62,7 @@ class Agreement(RuleBasedStateMachine):
         self.transactions = {}
         self.seen = {}
         self.before = []
+        self.sound = True
 
     # -- beginning and end ------------------------------------------------------------------------------------
 
@@ -80,7 +83,8 @@ class Agreement(RuleBasedStateMachine):
         if self.kb is None:
             return
         try:
-            self._compare_everything()
+            if self.sound:
+                self._compare_everything()
         finally:
             self.kb.close()
 
@@ -211,6 +215,11 @@ class Agreement(RuleBasedStateMachine):
         return domain is None or item.name in symbols
 
     def _write(self, updates, how):
+        self.sound = False
+        self._write_both(updates, how)
+        self.sound = True
+
+    def _write_both(self, updates, how):
         if any(isinstance(update.item, Condition) for update in updates):
             how = "transaction"  # a condition is text, and takes its time from the call
         self.before = list(self.reference.events)
