@@ -4,9 +4,8 @@ In it a knowledge base is exactly as it was just before that time: it holds what
 and cancellations that came later are not known yet, and the ends that were expected are derived anew.
 """
 
-import sqlite3
 from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager
+from contextlib import contextmanager
 from pathlib import Path
 
 from kbstore.clock import OPEN, isoformat
@@ -18,14 +17,13 @@ from kbstore.storage import queries, schema
 from kbstore.storage.engine import Database
 from kbstore.storage.repository import Head, Moment, Repository, TimelineCache
 from kbstore.storage.session import Session
-from kbstore.storage.transfer import Part, Record, Source, Target, batches, sync_directory
+from kbstore.storage.transfer import Part, Record, Source, Target, batches, make_archive, sync_directory
 from kbstore.storage.transfer_queries import (
     ARCHIVE,
     HEAD,
     assertions,
     by_table,
     drop_unfinished,
-    mark_archive,
     quick_check,
 )
 from kbstore.timelines import Timeline
@@ -154,11 +152,7 @@ def _mark(path: Path) -> None:
                 f"{path} is not an archive of kbstore; give the name of a new file, or of an archive"
             )
         return
-    try:
-        with closing(sqlite3.connect(path)) as connection:
-            connection.execute(mark_archive.sqlite)
-    except sqlite3.Error as error:
-        raise StoreUnavailable(f"{path}: {error}; nothing has been archived") from error
+    make_archive(path)
 
 
 def _is_part(some: Iterator[Record], all_of_them: Iterator[Record]) -> bool:

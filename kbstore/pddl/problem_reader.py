@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import overload
 
+from kbstore.bulk import without_collection
 from kbstore.domain import ROOT_TYPE, Domain
 from kbstore.errors import InvalidKnowledge, KbStoreError
 from kbstore.messages import Expression, Goal, Instance, KnowledgeType, SpecialType
@@ -20,7 +21,6 @@ from kbstore.pddl.init_reader import Entry, InitReader
 from kbstore.pddl.item_reader import ItemReader, read_metric
 from kbstore.pddl.sexpr import Group, Source
 from kbstore.pddl.typed_lists import read_typed_list
-from kbstore.writing.bulk import without_collection
 
 _SECTIONS = (
     ":domain",

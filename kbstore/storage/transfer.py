@@ -1,10 +1,11 @@
 """Whole knowledge bases, row by row: out of one store and into another, on either engine, in flat memory."""
 
 import os
+import sqlite3
 from array import array
 from bisect import bisect_left
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -18,7 +19,15 @@ from kbstore.storage import queries, schema
 from kbstore.storage.engine import Database
 from kbstore.storage.interval_tree import node
 from kbstore.storage.session import Session
-from kbstore.storage.transfer_queries import ARCHIVE, HEAD, TableQueries, application_id, by_table, put_head
+from kbstore.storage.transfer_queries import (
+    ARCHIVE,
+    HEAD,
+    TableQueries,
+    application_id,
+    by_table,
+    mark_archive,
+    put_head,
+)
 
 Store = str | os.PathLike[str] | URL | Engine
 """What names a store: a SQLAlchemy URL, the path of an SQLite file, or an `Engine` of the caller's."""
@@ -233,6 +242,15 @@ def sync_directory(path: Path) -> None:
             os.fsync(directory)
         finally:
             os.close(directory)
+
+
+def make_archive(path: Path) -> None:
+    """Make a file that does not exist, or is empty, one into which history can be archived."""
+    try:
+        with closing(sqlite3.connect(path)) as connection:
+            connection.execute(mark_archive.sqlite)
+    except sqlite3.Error as error:
+        raise StoreUnavailable(f"{path}: {error}; nothing has been archived") from error
 
 
 def is_archive(database: Database) -> bool:

@@ -6,6 +6,7 @@ from contextlib import AbstractContextManager, ExitStack, nullcontext
 from types import TracebackType
 from typing import Self
 
+from kbstore.bulk import without_collection
 from kbstore.clock import isoformat, time
 from kbstore.domain import Domain
 from kbstore.errors import ClockWentBackwards, Conflict, InvalidKnowledge, KbStoreError
@@ -27,7 +28,6 @@ from kbstore.storage.repository import Moment, Repository
 from kbstore.storage.session import Session
 from kbstore.timelines import Identity, Role, Timeline
 from kbstore.vocabulary import Vocabulary
-from kbstore.writing.bulk import without_collection
 from kbstore.writing.draft import Draft
 from kbstore.writing.editor import Editor
 from kbstore.writing.fitting import misfits
