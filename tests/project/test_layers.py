@@ -1,0 +1,151 @@
+"""The layers of kbstore: imports run upwards only, SQL is spoken in storage, and modules stay small."""
+
+import ast
+import re
+
+import pytest
+
+from tests.project.conftest import ROOT
+
+LAYERS = (
+    ("errors",),
+    ("clock", "names", "bulk"),
+    ("messages",),
+    ("logic", "record", "timelines"),
+    ("composites",),
+    ("actions",),
+    ("domain",),
+    ("vocabulary", "evaluation"),
+    ("pddl",),
+    ("planning", "interop"),
+    ("storage",),
+    ("reading",),
+    ("writing",),
+    ("keeping",),
+    ("knowledge_base", "report"),
+    ("opening",),
+    ("__init__",),
+    ("demo",),
+    ("cli",),
+)
+"""From what everything may use to the faces; what stands together in a layer knows nothing of each other."""
+
+LONGEST = 400
+LONG = {"kbstore/knowledge_base.py": "the public interface of a knowledge base: one short method for each question"}
+"""Modules of more lines, each with why it is not split."""
+
+DRIVERS = {"sqlite3", "sqlalchemy", "psycopg", "alembic"}
+NAMED = {"kbstore.opening": {"Engine", "URL"}, "kbstore.demo.tour": {"sqlite3"}}
+"""What is imported of them elsewhere: the types of what a store is named by; the tour asks by SQL, as people do."""
+
+SQL = re.compile(
+    r"\b(SELECT\s.+\sFROM|INSERT\s+INTO|UPDATE\s+\w+\s+SET|DELETE\s+FROM|(CREATE|ALTER|DROP)\s+(TABLE|INDEX|VIEW)|PRAGMA\s)",
+    re.DOTALL,
+)
+
+
+def module_name(path):
+    parts = path.relative_to(ROOT).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+MODULES = {module_name(path): path for path in sorted((ROOT / "kbstore").rglob("*.py"))}
+TREES = {name: ast.parse(path.read_text()) for name, path in MODULES.items()}
+
+
+def imported(tree):
+    """What a module imports when it runs, also within functions; not what only type checkers see."""
+    left = [tree]
+    while left:
+        node = left.pop()
+        if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test):
+            left += node.orelse
+        elif isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert not node.level, "imports name their module in full"
+            for alias in node.names:
+                whole = f"{node.module}.{alias.name}"
+                yield whole if whole in MODULES or not node.module.startswith("kbstore") else node.module
+        else:
+            left += ast.iter_child_nodes(node)
+
+
+IMPORTS = {name: set(imported(tree)) for name, tree in TREES.items()}
+OWN = {name: {other for other in found if other in MODULES and other != name} for name, found in IMPORTS.items()}
+
+
+def part(name):
+    """The package or module right below kbstore."""
+    return name.split(".")[1] if "." in name else "__init__"
+
+
+def layer(name):
+    return next(index for index, parts in enumerate(LAYERS) if part(name) in parts)
+
+
+def test_every_module_has_a_layer():
+    """Each package and each module right below kbstore stands in one layer, and no layer names one that is not."""
+    listed = [name for parts in LAYERS for name in parts]
+    assert len(listed) == len(set(listed))
+    assert {part(name) for name in MODULES} == set(listed)
+
+
+def test_imports_run_upwards():
+    """A module imports from lower layers, and from its own package; also where it does so late."""
+    wrong = [
+        f"{name} imports {other}"
+        for name, others in OWN.items()
+        for other in others
+        if part(name) != part(other) and layer(other) >= layer(name)
+    ]
+    assert not wrong
+
+
+def test_no_imports_in_circles():
+    """No module is needed by what it needs, within packages neither."""
+    left = {name: set(others) for name, others in OWN.items()}
+    while True:
+        free = {name for name, others in left.items() if not others}
+        if not free:
+            break
+        left = {name: others - free for name, others in left.items() if name not in free}
+    assert not left
+
+
+@pytest.mark.parametrize("name", [name for name in MODULES if part(name) != "storage"])
+def test_sql_is_spoken_in_storage_only(name):
+    """Nothing outside of storage and the migrations has SQL in it, or imports a driver to send some."""
+    drivers = {other for other in IMPORTS[name] if other.split(".")[0] in DRIVERS}
+    assert {other.split(".")[-1] for other in drivers} <= NAMED.get(name, set())
+    if name in NAMED:
+        return
+    documentation = {
+        id(node.body[0].value)
+        for node in ast.walk(TREES[name])
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and isinstance(node.body[0], ast.Expr)
+    }
+    texts = [
+        node.value
+        for node in ast.walk(TREES[name])
+        if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in documentation
+    ]
+    assert not [text for text in texts if SQL.search(text)]
+
+
+def test_modules_are_small():
+    """A module has at most 400 lines; where one has more, it is said why."""
+    lengths = {str(path.relative_to(ROOT)): len(path.read_text().splitlines()) for path in MODULES.values()}
+    assert {name for name, length in lengths.items() if length > LONGEST} == set(LONG)
+
+
+def test_what_only_type_checkers_see_is_no_import():
+    """The tests of this file see imports wherever they are, but for those below TYPE_CHECKING."""
+    tree = ast.parse(
+        "import kbstore.clock\n"
+        "if TYPE_CHECKING:\n    import kbstore.cli\nelse:\n    from kbstore import errors\n"
+        "def late():\n    from kbstore.names import key\n    from pathlib import Path\n"
+    )
+    assert set(imported(tree)) == {"kbstore.clock", "kbstore.errors", "kbstore.names", "pathlib.Path"}
+    assert SQL.search("SELECT a FROM t")
+    assert not SQL.search("Select a fact from the list, or update one")
