@@ -193,10 +193,6 @@ class Missions(RuleBasedStateMachine):
         self.clock.advance(tick)
         self._write(Update("clear"))
 
-    @rule(data=st.data())
-    def ask(self, data):
-        self._compare(data.draw(st.sampled_from(self._times())))
-
     def _now(self):
         return self.reference.now(self.clock.now())
 
