@@ -190,6 +190,8 @@ class Database:
             "busy_timeout": patience,
             "foreign_keys": 1,
             "synchronous": {"full": 2, "normal": 1}[self._durability],
+            # on macOS only this waits for the disk itself
+            "fullfsync": int(self._durability == "full"),
             "cache_size": -65536,
         }
         return settings | ({"query_only": 1} if self._read_only else {})
