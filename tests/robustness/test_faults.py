@@ -20,7 +20,7 @@ from tests.storage.invariants import violations
 NOBODY = 65534
 
 
-def many(start, count=3000):
+def many(start, count=700):
     """More items than a page or two can take."""
     return [f"(seen thing{number} in room{number % 7})" for number in range(start, start + count)]
 
@@ -176,7 +176,7 @@ def test_a_damaged_file(path):
         kbstore.open(path)
     path.write_bytes(good)
     with kbstore.open(path) as kb:
-        assert len(kb.state().facts) == 3000
+        assert len(kb.state().facts) == 700
 
 
 def test_damage_that_comes_while_the_store_is_open(path):
@@ -199,7 +199,7 @@ def test_damage_that_comes_while_the_store_is_open(path):
     assert refused
     with open(path, "r+b") as file:
         file.write(good)
-    assert len(kb.state().facts) == 3000
+    assert len(kb.state().facts) == 700
     kb.close()
 
 

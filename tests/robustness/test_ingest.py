@@ -162,7 +162,7 @@ def test_where_writing_is_refused(readings, tmp_path):
 
 def test_memory_does_not_grow(tmp_path):
     """Ten times as many items, on as many new timelines, take no more memory than one tenth of them."""
-    size = 100_000 if FULL else 800
+    size = 100_000 if FULL else 400
     batch = size // 4
     with kbstore.open(tmp_path / "store.db", durability="normal") as kb:
         kb.ingest((f"(seen o{number})" for number in range(batch)), batch=batch)

@@ -45,7 +45,7 @@ def test_no_increment_is_lost(shared_url, name):
         assert all(a.time <= b.time for a, b in pairwise(changes))
 
 
-@pytest.mark.parametrize("attempt", range(3))
+@pytest.mark.parametrize("attempt", range(2))
 def test_a_store_may_be_opened_first_by_several(untouched_url, attempt):
     """Schema, WAL mode and knowledge base come into being once, also where eight processes find nothing at once."""
     del attempt
@@ -91,7 +91,7 @@ def test_a_follower_that_was_killed_goes_on(shared_url, name, tmp_path):
         kb.add("(ready)")
     writing = start(write, shared_url, name, 0, total - 1)
     for kill_at in (5, 15, 25, 35):
-        following = start(keep_watching, shared_url, name, diary, total)
+        following = start(keep_watching, shared_url, name, diary, 10**9)
         while diary.read_bytes().count(b"\n") < kill_at:
             time.sleep(0.001)
         os.kill(following.pid, signal.SIGKILL)

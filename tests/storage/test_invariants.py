@@ -113,7 +113,7 @@ def play(kb, clock, sequence):
 
 
 @given(st.data())
-@settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=40, deadline=None, suppress_health_check=list(HealthCheck))
 def test_the_tables_are_sound_after_random_transactions(data):
     """V1, C5, C6, C9, Q6: nodes fit their intervals, ends are those derived, numbers have no gaps, nothing overlaps."""
     clock = kbstore.ManualClock(START)
