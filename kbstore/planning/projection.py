@@ -88,8 +88,10 @@ class Projection:
     def _take_effect(self, timeline: Timeline, initial_time: int, value: Value) -> Iterator[Event]:
         if timeline.kind is KnowledgeType.FUNCTION:
             value = self._with_rate(timeline, value)
+        before = self._standing.get(timeline.identity)
         yield self._put(timeline, value)
-        if timeline.kind is KnowledgeType.INSTANCE and value[0]:
+        existed = before is not None and not before[2][0]
+        if timeline.kind is KnowledgeType.INSTANCE and value[0] and existed:
             name = timeline.key
             for mentioning, _, stands in self.rows:
                 if name in self._mentions(mentioning, stands):
@@ -114,6 +116,11 @@ class Projection:
             changes = []
         yield from self._stop(entry)
         for timeline, value in changes:
+            row = self._standing.get(timeline.identity)
+            # what stands already does not change, and a delete takes away only what is asserted (rules C2, C4)
+            said = row[2] if timeline.kind is KnowledgeType.FACT and row is not None else None
+            if said is not None and (value == said or (value is None and said[0])):
+                continue
             if value is not None:
                 if timeline.kind is KnowledgeType.FUNCTION:
                     value = self._with_rate(timeline, value)  # noqa: PLW2901 - with what still runs

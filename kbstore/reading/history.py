@@ -174,9 +174,11 @@ class History:
         if row.ended is not None or row.cancelled is not None or row.end_time == OPEN:
             return row.ended
         kind, end = row.timeline.kind, row.end_time
-        for follower in repository.history(kind, [row.timeline], end, end + 1):
-            if follower.cancelled is None:
-                return follower.recorded
+        # of several that begin then, the first to take effect ended it: what was scheduled before what was told
+        followers = repository.history(kind, [row.timeline], end, end + 1)
+        numbers = [follower.recorded for follower in followers if follower.cancelled is None]
+        if numbers:
+            return min(numbers)
         objects = repository.find(Role.STATE, KnowledgeType.INSTANCE, list(mentions(row.timeline, row.value)))
         for follower in repository.history(KnowledgeType.INSTANCE, list(objects.values()), end, end + 1):
             if follower.value[0] and follower.cancelled is None:

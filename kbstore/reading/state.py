@@ -134,11 +134,14 @@ class State:
     @cached_property
     def timed_knowledge(self) -> list[KnowledgeItem]:
         """What had been recorded, and takes effect after the time; goals are not among it (rule Q1)."""
-        rows = [row for row in self._pending if row[0].role is Role.STATE and row[1] > self.at]
-        return [
-            cast("KnowledgeItem", self._reader.item(*row, row[1]))
-            for row in sorted(rows, key=lambda r: (r[1], r[0].id))
+        # what runs adds to a rate was not recorded with what is scheduled
+        rows = [
+            (timeline, t, (*value[:3], value[2]) if timeline.kind is KnowledgeType.FUNCTION else value)
+            for timeline, t, value in self._pending
+            if timeline.role is Role.STATE and t > self.at
         ]
+        rows.sort(key=lambda row: (row[1], row[0].id))
+        return [cast("KnowledgeItem", self._reader.item(*row, row[1])) for row in rows]
 
     @cached_property
     def running(self) -> list[Run]:

@@ -141,6 +141,15 @@ class Checks:
             if key(atom.name) != VIOLATION_METRIC:
                 yield from self._open_atom(KnowledgeType.FUNCTION, atom, t, bound)
 
+    def symbols(self, expression: Expression) -> Iterator[str]:
+        """What is wrong with the functions that an expression reads, whatever objects there are."""
+        for atom in atoms_of(expression):
+            if key(atom.name) != VIOLATION_METRIC:
+                try:
+                    self._vocabulary.ordered(KnowledgeType.FUNCTION, atom.name, atom.arguments, ())
+                except KbStoreError as error:
+                    yield from violations_of(error, atom)
+
     def _open_atom(self, kind: KnowledgeType, atom: Atom, t: int, bound: frozenset[str]) -> Iterator[str]:
         try:
             self._vocabulary.ordered(kind, atom.name, atom.arguments, ())

@@ -14,6 +14,7 @@ from kbstore.errors import (
     ScheduledRelativeChange,
     UndefinedFunction,
 )
+from kbstore.evaluation.wellformed import check
 from kbstore.logic import Atom, Comparison
 from kbstore.logic import Condition as Formula
 from kbstore.messages import (
@@ -238,6 +239,10 @@ class Editor:
         """Remove the metric, if it is the one that is given."""
         if item is not None and not isinstance(item, Expression):
             return [f"{item} is not a metric; write one like: minimize (total-time)"]
+        if item is not None and item.expr.tokens:
+            violations = naming(item, self._checks.symbols(from_composite(item.expr)))
+            if violations:
+                return violations
         track = self._draft.known(Identity(Role.STATE, KnowledgeType.EXPRESSION, METRIC_KEY))
         if track is None:
             return _NONE
@@ -296,6 +301,7 @@ class Editor:
     def _remove_inequality(self, item: Inequality, role: Role, t: int | None) -> Violations:
         try:
             formula = condition_of(item.changed(is_negative=False), self._vocabulary.domain)
+            check(formula, self._vocabulary.domain)
         except KbStoreError as error:
             return violations_of(error, item)
         track = self._draft.known(Identity(role, KnowledgeType.INEQUALITY, key(condition_text(formula))))

@@ -102,7 +102,10 @@ class Mission:
     def end(self, state: State, editor: Editor, run: Run) -> Applicability:
         """End a durative action; the at-end conditions that fail."""
         entry = self._running(run)
-        action = _grounded(state, entry.run.operator, entry.run.arguments)
+        try:
+            action = _grounded(state, entry.run.operator, entry.run.arguments)
+        except InvalidKnowledge as error:
+            raise NotApplicable(f"{entry.run} cannot end: {error}; abort() it") from error
         seconds = entry.run.duration / SECOND
         failing = operators.failing(action, Moment.AT_END, state.snapshot, duration=seconds)
         try:
