@@ -17,10 +17,8 @@ import up_kairos
 from unified_planning.shortcuts import OneshotPlanner, get_environment
 
 import kbstore
-from kbstore import ManualClock, NotApplicable, seconds
+from kbstore import KnowledgeBase, ManualClock, NotApplicable, State, seconds
 from kbstore.interop.unified_planning import Happening, Step, execute, steps
-from kbstore.knowledge_base import KnowledgeBase
-from kbstore.reading.state import State
 
 DOMAIN = """\
 ; Metres, seconds, percent.

@@ -16,10 +16,10 @@ from itertools import product
 
 import kairos
 
+from kbstore import State
 from kbstore.clock import SECOND
 from kbstore.interop.plans import Happening, Step
 from kbstore.messages.base import format_number
-from kbstore.reading.state import State
 
 _WORD = re.compile(r"[^\s()]+")
 
