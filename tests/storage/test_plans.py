@@ -137,6 +137,24 @@ def test_one_thing_is_one_look_up_on_sqlite(sqlite, table):
     ]
 
 
+@pytest.mark.parametrize("table", ALL)
+@pytest.mark.parametrize(
+    ("name", "used"),
+    [
+        ("pending", "{table} USING INDEX ix_{table}_pending (kb_id=? AND pending_node=?)"),
+        ("due", "{table} USING INDEX ix_{table}_scheduled (kb_id=? AND initial_time>? AND initial_time<?)"),
+        ("ahead", "{table} USING INDEX ix_{table}_scheduled (kb_id=? AND initial_time>?)"),
+        ("live", "f USING INDEX ux_{table}_timeline (kb_id=? AND timeline_id=? AND initial_time>?)"),
+        ("next_start", "{table} USING INDEX ux_{table}_timeline (kb_id=? AND timeline_id=? AND initial_time>?)"),
+    ],
+)
+def test_what_lies_ahead_is_found_by_its_index_on_sqlite(sqlite, table, name, used):
+    """What is pending has a tree of its own; what is due is found by time; a writer reads the end of a timeline."""
+    statements = next(found for found in queries.for_kind.values() if found.table == table)
+    plan = [step.replace("COVERING ", "") for step in sqlite_plan(sqlite, getattr(statements, name))]
+    assert f"SEARCH {used.format(table=table)}" in plan
+
+
 # -- PostgreSQL -----------------------------------------------------------------------------------------------------
 
 ON_LARGE_TABLES = [
