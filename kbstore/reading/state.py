@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, TypeVar, cast
 
 from kbstore import logic
 from kbstore.domain import Domain
+from kbstore.errors import KbStoreError
 from kbstore.evaluation import conditions, expressions
 from kbstore.evaluation.interpretation import Interpretation
 from kbstore.evaluation.snapshot import Row, Snapshot
@@ -41,6 +42,16 @@ def value_in(world: Interpretation, expression: logic.Expression) -> float:
     """The value of an expression, after its symbols have been checked (rules V5, V8)."""
     conditions.check(logic.Comparison(ComparisonType.EQUALS, expression, expression), world.domain)
     return expressions.evaluate(expression, world)
+
+
+def _asked(question: Question, vocabulary: Vocabulary) -> KnowledgeItem | Condition:
+    """What was asked, as an item, or as a condition where no item can carry it."""
+    if isinstance(question, Condition):
+        return question
+    try:
+        return as_item(question, vocabulary)
+    except KbStoreError:
+        return Condition(text=str(question))
 
 
 class State:
@@ -189,11 +200,7 @@ class State:
     def query(self, *items: Question) -> QueryResult:
         """The original's query: whether each item is true; unknown counts as not true."""
         results = [self.holds(item) for item in items]
-        false = [
-            cast("KnowledgeItem | Condition", as_item(item, self._vocabulary))
-            for item, result in zip(items, results, strict=True)
-            if not result
-        ]
+        false = [_asked(item, self._vocabulary) for item, result in zip(items, results, strict=True) if not result]
         return QueryResult(all(results), results, false)
 
     # -- planning ---------------------------------------------------------------------------------------------
