@@ -286,7 +286,8 @@ class Session:
 
 def unavailable(error: BaseException, store: str, busy_timeout: float) -> StoreUnavailable:
     """What to raise for an error of a driver: what happened, in which store, and what to do."""
-    reason = str(error).strip() or type(error).__name__
+    # PostgreSQL's have several lines
+    reason = " ".join(str(error).split()) or type(error).__name__
     code = _code(error)
     if code in _LOCKED or getattr(error, "sqlstate", None) == _LOCK_NOT_AVAILABLE:
         return StoreUnavailable(
