@@ -70,15 +70,22 @@ def test_a_reader_that_has_had_enough(environment):
 def test_following_ends_with_ctrl_c(environment, store):
     """`changes --follow` shows what there is and what comes, line by line, and ends quietly."""
     environment = {**environment, "KBSTORE_URL": str(store)}
-    call = [*KBSTORE, "changes", "--after", "24", "--follow", "--json"]
+    # as in a terminal: what is started in the background inherits that the signal is ignored
+    attend = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
+    *python, code = KBSTORE
+    call = [*python, f"{attend}; {code}", "changes", "--after", "24", "--follow", "--json"]
     with subprocess.Popen(call, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
-        assert json.loads(process.stdout.readline())["number"] == 25
-        assert json.loads(process.stdout.readline())["by_clock"] is True
-        subprocess.run([*KBSTORE, "add", DOOR, "--client", "guard"], env=environment, capture_output=True, check=True)
-        came = json.loads(process.stdout.readline())
-        assert (came["number"], came["transaction"]["client"]) == (26, "guard")
-        process.send_signal(signal.SIGINT)
-        _, complaint = process.communicate(timeout=30)
+        try:
+            assert json.loads(process.stdout.readline())["number"] == 25
+            assert json.loads(process.stdout.readline())["by_clock"] is True
+            addition = [*KBSTORE, "add", DOOR, "--client", "guard"]
+            subprocess.run(addition, env=environment, capture_output=True, check=True)
+            came = json.loads(process.stdout.readline())
+            assert (came["number"], came["transaction"]["client"]) == (26, "guard")
+            process.send_signal(signal.SIGINT)
+            _, complaint = process.communicate(timeout=30)
+        finally:
+            process.kill()
     assert (process.returncode, complaint) == (130, "")
 
 
