@@ -13,7 +13,7 @@ import kbstore
 from benchmarks.histories import DOMAIN, START, History
 from kbstore import KnowledgeType, ManualClock
 from kbstore.clock import OPEN
-from kbstore.storage.interval_tree import node
+from kbstore.storage.interval_tree import level
 from kbstore.timelines import EndCause, Role
 
 _CHUNK = 100_000
@@ -60,11 +60,11 @@ class _Rows:
                 recorded,
                 ended or None,
                 cause or None,
-                node(start, end),
+                level(start, end),
             )
 
 
-_COLUMNS = "kb_id, timeline_id, initial_time, end_time, is_negative, recorded_tx, ended_tx, end_cause, node"
+_COLUMNS = "kb_id, timeline_id, initial_time, end_time, is_negative, recorded_tx, ended_tx, end_cause, level"
 
 
 def fill(history: History, path: Path, name: str = "bench") -> None:

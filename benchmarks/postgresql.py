@@ -25,7 +25,7 @@ from benchmarks.settings import Settings
 from kbstore import ManualClock, State
 from kbstore.clock import OPEN
 from kbstore.keeping.interchange import export_knowledge_base, import_knowledge_base
-from kbstore.storage.interval_tree import node
+from kbstore.storage.interval_tree import level
 
 _CONTENT = ("timelines", "mentions", "transactions", "instances", "facts")
 
@@ -211,8 +211,8 @@ def _flips(raw: "psycopg.Connection[Any]", t: int) -> Callable[[], None]:
         row, start, is_negative = rows[timeline]
         with raw.transaction():
             raw.execute(
-                "UPDATE beside.facts SET end_time = %s, node = %s, ended_tx = %s, end_cause = 2 WHERE id = %s",
-                (t, node(start, t), number, row),
+                "UPDATE beside.facts SET end_time = %s, level = %s, ended_tx = %s, end_cause = 2 WHERE id = %s",
+                (t, level(start, t), number, row),
             )
             added = raw.execute(
                 "INSERT INTO beside.facts (kb_id, timeline_id, initial_time, end_time, is_negative, recorded_tx)"

@@ -14,7 +14,7 @@ from benchmarks.report import Result
 from benchmarks.settings import Settings
 from kbstore import ManualClock, UpdateType
 from kbstore.clock import OPEN
-from kbstore.storage.interval_tree import node
+from kbstore.storage.interval_tree import level
 
 _CONTENT = ("timelines", "mentions", "transactions", "instances", "facts")
 
@@ -56,8 +56,8 @@ class RawFlips:
         execute = self._connection.execute
         execute("BEGIN IMMEDIATE")
         execute(
-            "UPDATE facts SET end_time = ?, node = ?, ended_tx = ?, end_cause = 2 WHERE id = ?",
-            (self._t, node(start, self._t), self._number, row),
+            "UPDATE facts SET end_time = ?, level = ?, ended_tx = ?, end_cause = 2 WHERE id = ?",
+            (self._t, level(start, self._t), self._number, row),
         )
         added = execute(
             "INSERT INTO facts (kb_id, timeline_id, initial_time, end_time, is_negative, recorded_tx)"

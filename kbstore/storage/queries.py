@@ -76,9 +76,10 @@ put_symbol = Statement(
 
 _TIMELINE = "SELECT id, role, knowledge_type, key, spelling FROM timelines WHERE kb_id = :kb"
 
-# by their numbers, whatever the planners think of the index that begins with the knowledge base
 timelines_by_id = Statement(
-    "SELECT id, role, knowledge_type, key, spelling FROM timelines WHERE AMONG(id, ids) AND +kb_id = :kb"
+    "SELECT t.id, t.role, t.knowledge_type, t.key, t.spelling FROM EACH(ids AS bigint) CROSS JOIN timelines t"
+    " WHERE t.id = value",
+    "SELECT id, role, knowledge_type, key, spelling FROM timelines WHERE AMONG(id, ids)",
 )
 
 timelines_by_key = Statement(
@@ -111,19 +112,33 @@ add_mention = Statement(
 )
 
 
-def _in_tree(table: str, columns: str, also: str = "") -> str:
-    """What stands at :t: intervals kept left of it, right of it, and those that are open."""
+def _in_tree(table: str, columns: str, recorded: str = "") -> tuple[str, str]:
+    """What stands at :t, in both dialects: on each level one range of beginnings or of ends, and what is open.
 
-    def branch(index: str, where: str) -> str:
-        return f"SELECT {columns} FROM {table} BY(ix_{table}_{index}) WHERE kb_id = :kb AND {where}{also}"
-
-    return " UNION ALL ".join(
-        (
-            branch("left", "AMONG(node, right) AND initial_time <= :t"),
-            branch("right", "AMONG(node, left) AND end_time > :t"),
-            branch("open", f"end_time = {OPEN} AND initial_time <= :t"),
-        )
+    `recorded` is the parameter that says up to which transaction rows had been recorded.
+    """
+    within = {
+        ("begin", "begins"): "initial_time >= value AND initial_time <= :t",
+        ("end", "ends"): "end_time > :t AND end_time < value",
+    }
+    known = f" AND recorded_tx <= {recorded}" if recorded else ""
+    still = (
+        f"SELECT {columns} FROM {table} BY(ix_{table}_open)"
+        f" WHERE kb_id = :kb AND end_time = {OPEN} AND initial_time <= :t{known}"
     )
+    sqlite = [
+        f"SELECT {columns} FROM EACH({bounds} AS bigint) CROSS JOIN {table} BY(ix_{table}_{index})"
+        f" WHERE kb_id = :kb AND level = json_each.key AND {range}{known}"
+        for (index, bounds), range in within.items()
+    ]
+    # as a subquery of its own, or the plan for a small table would read all of it, and be kept
+    postgresql = [
+        f"SELECT found.* FROM unnest(CAST(:{bounds} AS bigint[])) WITH ORDINALITY AS bounds(value, place) CROSS JOIN"
+        f" LATERAL (SELECT {columns} FROM {table} WHERE kb_id = :kb AND level = place - 1 AND {range}{known}"
+        " OFFSET 0) found"
+        for (_, bounds), range in within.items()
+    ]
+    return " UNION ALL ".join((*sqlite, still)), " UNION ALL ".join((*postgresql, still))
 
 
 def _ended(table: str, columns: str, after: str, upto: str) -> str:
@@ -142,15 +157,19 @@ def _replaced(table: str, columns: str, after: str, upto: str, also: str = "") -
         " ORDER BY q.initial_time DESC LIMIT 1"
     )
     beside = (
-        f"SELECT q.id FROM {table} q WHERE q.kb_id = n.kb_id AND q.timeline_id = n.timeline_id"
-        " AND q.initial_time = n.initial_time AND q.end_time <= q.initial_time AND q.ended_tx = n.recorded_tx"
+        "p.kb_id = n.kb_id AND p.timeline_id = n.timeline_id"
+        " AND p.initial_time = n.initial_time AND p.end_time <= p.initial_time"
     )
-    source = (
-        f"SELECT {', '.join('p.' + column for column in columns.split(', '))} FROM {table} n"
-        f" CROSS JOIN {table} p WHERE n.kb_id = :kb AND n.recorded_tx > {after} AND n.recorded_tx <= {upto}"
+    named = ", ".join(f"p.{column}" for column in columns.split(", "))
+    source = f"SELECT {named} FROM {table} n BY(ix_{table}_recorded) CROSS JOIN {table} p"
+    where = (
+        f"n.kb_id = :kb AND n.recorded_tx > {after} AND n.recorded_tx <= {upto}"
         f" AND p.end_cause = {int(EndCause.REPLACED)} AND p.ended_tx = n.recorded_tx{also}"
     )
-    return f"{source} AND p.id = ({previous}) UNION ALL {source} AND p.id IN ({beside})"
+    return (
+        f"{source} WHERE {where} AND p.id = ({previous})"
+        f" UNION ALL {source} BY(ix_{table}_empty) WHERE {where} AND {beside}"
+    )
 
 
 class AssertionQueries:
@@ -164,15 +183,16 @@ class AssertionQueries:
         recorded = f"timeline_id, initial_time, end_time, recorded_tx, ended_tx, cancelled_tx, end_cause, {value}"
         kb = "kb_id = :kb"
 
-        self.standing = Statement(_in_tree(table, standing))
+        self.standing = Statement(*_in_tree(table, standing))
         """What stands at :t."""
 
-        self.standing_as_of = Statement(
-            _in_tree(table, standing, " AND recorded_tx <= :number")
-            + f" UNION ALL {_ended(table, standing, ':number', ':latest')}"
+        ended_since = (
+            f" UNION ALL {_ended(table, standing, ':number', ':latest')}"
             " AND end_time = :t AND initial_time <= :t AND recorded_tx <= :number"
             f" UNION ALL {_replaced(table, standing, ':number', ':latest', ' AND p.recorded_tx <= :number')}"
         )
+        still = _in_tree(table, standing, ":number")
+        self.standing_as_of = Statement(*(text + ended_since for text in still))
         """What stood at :t after the transaction :number, when :latest is the last transaction of that time."""
 
         pending = (
@@ -256,19 +276,19 @@ class AssertionQueries:
         )
         """The rows that the transactions after :after and up to :upto recorded, ended and cancelled."""
 
-        columns = ("timeline_id", "initial_time", "end_time", "recorded_time", "node", "pending_node", "is_negative")
+        columns = ("timeline_id", "initial_time", "end_time", "recorded_time", "level", "pending_node", "is_negative")
         self.add = Insertion(table, "kb_id", "recorded_tx", *columns, *own)
         self.end = Statement(
-            f"UPDATE {table} SET end_time = :end_time, node = :node, ended_tx = :number, end_cause = :cause"
+            f"UPDATE {table} SET end_time = :end_time, level = :level, ended_tx = :number, end_cause = :cause"
             f" WHERE id = :id AND {kb}"
         )
         """End a row at a transaction's own time."""
 
         self.cancel = Statement(
-            f"UPDATE {table} SET end_time = initial_time, node = NULL, pending_node = :pending_node,"
+            f"UPDATE {table} SET end_time = initial_time, level = NULL, pending_node = :pending_node,"
             f" cancelled_tx = :number, cancelled_time = :time WHERE id = :id AND {kb}"
         )
-        self.settle = Statement(f"UPDATE {table} SET end_time = :end_time, node = :node WHERE id = :id AND {kb}")
+        self.settle = Statement(f"UPDATE {table} SET end_time = :end_time, level = :level WHERE id = :id AND {kb}")
         """Give a row the end that is derived for it."""
 
 
@@ -289,14 +309,12 @@ _RUN = "SELECT number, operator, arguments, initial_time, duration FROM runs WHE
 _RUN_IN_TREE = _RUN.replace(" WHERE", " BY(ix_runs_node) WHERE")
 
 running = Statement(
-    f"{_RUN_IN_TREE} AND AMONG(node, right) AND initial_time <= :t"
-    f" UNION ALL {_RUN_IN_TREE} AND AMONG(node, left) AND end_time > :t"
+    f"{_RUN_IN_TREE} AND AMONG(node, path) AND initial_time <= :t AND end_time > :t"
     f" UNION ALL {_RUN} AND end_time = {OPEN} AND initial_time <= :t"
 )
 
 running_as_of = Statement(
-    f"{_RUN_IN_TREE} AND AMONG(node, right) AND initial_time <= :t AND recorded_tx <= :number"
-    f" UNION ALL {_RUN_IN_TREE} AND AMONG(node, left) AND end_time > :t AND recorded_tx <= :number"
+    f"{_RUN_IN_TREE} AND AMONG(node, path) AND initial_time <= :t AND end_time > :t AND recorded_tx <= :number"
     f" UNION ALL {_RUN} AND end_time = {OPEN} AND initial_time <= :t AND recorded_tx <= :number"
     f" UNION ALL {_RUN} AND ended_tx > :number AND end_time = :t AND initial_time <= :t AND recorded_tx <= :number"
 )

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 from kbstore.messages import KnowledgeType
 from kbstore.storage import queries
-from kbstore.storage.interval_tree import path
+from kbstore.storage.interval_tree import path, ranges
 from kbstore.storage.session import Row, Session
 from kbstore.timelines import Identity, Role, Timeline, Value, stored_key
 
@@ -239,14 +239,14 @@ class Repository:
         known = self._places.get(moment)
         if known is not None:
             return known
-        left, right = path(moment.time)
+        begins, ends = ranges(moment.time)
         array = self._session.array
         place: dict[str, Any] = {
             "kb": self._kb,
             "t": moment.time,
-            "left": array(left),
-            "right": array(right),
-            "path": array(left + right),
+            "begins": array(begins),
+            "ends": array(ends),
+            "path": array(path(moment.time)),
         }
         if moment.number is not None:
             place |= {"number": moment.number, "latest": moment.latest}

@@ -145,7 +145,7 @@ def _assertions(name: str, *own: Column[object]) -> Table:
         Column("cancelled_tx", BigInteger),
         Column("cancelled_time", BigInteger),
         # where the interval tree keeps [initial_time, end_time), and the span in which it was pending
-        Column("node", BigInteger),
+        Column("level", SmallInteger),
         Column("pending_node", BigInteger),
         *own,
         ForeignKeyConstraint(["timeline_id"], ["timelines.id"]),
@@ -153,8 +153,8 @@ def _assertions(name: str, *own: Column[object]) -> Table:
     )
     columns = table.c
     for suffix, on, where in (
-        ("left", (columns.node, columns.initial_time), "node IS NOT NULL"),
-        ("right", (columns.node, columns.end_time), "node IS NOT NULL"),
+        ("begin", (columns.level, columns.initial_time), "level IS NOT NULL"),
+        ("end", (columns.level, columns.end_time), "level IS NOT NULL"),
         ("open", (columns.initial_time,), f"end_time = {OPEN}"),
         ("recorded", (columns.recorded_tx,), None),
         # what was replaced is found from what replaced it

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from itertools import islice
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 from sqlalchemy import Engine
 from sqlalchemy.engine import URL
@@ -17,7 +17,7 @@ from kbstore.clock import OPEN
 from kbstore.errors import InvalidKnowledge, StoreUnavailable
 from kbstore.storage import queries, schema
 from kbstore.storage.engine import Database
-from kbstore.storage.interval_tree import node
+from kbstore.storage.interval_tree import level, node
 from kbstore.storage.session import Session
 from kbstore.storage.transfer_queries import (
     ARCHIVE,
@@ -152,13 +152,22 @@ class Target:
         for name in ("timeline_id", "object_id"):
             if name in record:
                 record[name] = self._new[bisect_left(self._old, record[name])]
-        if statements.derived:
-            record["node"] = node(record["initial_time"], record["end_time"])
-        if "pending_node" in statements.derived:
-            recorded, cancelled = record["recorded_time"], record["cancelled_time"]
-            until = record["initial_time"] if cancelled is None else cancelled
-            record["pending_node"] = None if recorded is None else node(recorded, until)
+        for name in statements.derived:
+            record[name] = _derived[name](record)
         return record
+
+
+def _pending_node(record: Record) -> int | None:
+    recorded, cancelled = record["recorded_time"], record["cancelled_time"]
+    until = record["initial_time"] if cancelled is None else cancelled
+    return None if recorded is None else node(recorded, until)
+
+
+_derived: Final[dict[str, Callable[[Record], int | None]]] = {
+    "level": lambda record: level(record["initial_time"], record["end_time"]),
+    "node": lambda record: node(record["initial_time"], record["end_time"]),
+    "pending_node": _pending_node,
+}
 
 
 def copy(source: Source, target: Target, step: Callable[[int], None]) -> None:

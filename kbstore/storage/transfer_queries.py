@@ -11,7 +11,10 @@ from sqlalchemy import Boolean, Double, Integer, Table
 from kbstore.storage import tables
 from kbstore.storage.statements import Statement
 
-_LOCAL: Final = ("kb_id", "node", "pending_node")
+_DERIVED: Final = ("level", "node", "pending_node")
+"""Columns that say where the interval trees keep a row."""
+
+_LOCAL: Final = ("kb_id", *_DERIVED)
 """Columns that do not travel."""
 
 _CHOSEN: Final = "recorded_tx <= :upto AND end_time >= :since"
@@ -42,7 +45,7 @@ class TableQueries:
         self.read = Statement(f"SELECT {', '.join(names)} {rows} ORDER BY {order}")
         """The rows in an order in which they can be written again."""
         self.count = Statement(f"SELECT count(*) {rows}")
-        self.derived = tuple(name for name in ("node", "pending_node") if name in table.columns)
+        self.derived = tuple(name for name in _DERIVED if name in table.columns)
         added = ["kb_id", *names, *self.derived]
         values = [":kb", *(f":{name}" for name in added[1:])]
         self.add = Statement(

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from kbstore.storage import queries
-from kbstore.storage.interval_tree import node
+from kbstore.storage.interval_tree import level, node
 from kbstore.storage.repository import Head
 from kbstore.storage.session import Session
 from kbstore.timelines import Timeline, Value, stored_key
@@ -50,9 +50,9 @@ class Recorder:
             [own | {"object": about.timeline.id, "timeline": track.timeline.id} for track, about in writes.mentions],
         )
         for kind, statements in queries.for_kind.items():
-            session.many(statements.end, [own | _with_node(row) for row in writes.ends[kind]])
+            session.many(statements.end, [own | _with_level(row) for row in writes.ends[kind]])
             session.many(statements.cancel, [own | _with_pending_node(row) for row in writes.cancels[kind]])
-            session.many(statements.settle, [own | _with_node(row) for row in writes.settles[kind]])
+            session.many(statements.settle, [own | _with_level(row) for row in writes.settles[kind]])
         session.many(queries.settle_rate, [own | row for row in writes.rates])
         for kind, added in writes.adds.items():
             session.many(queries.for_kind[kind].add, [self._row(*row) for row in added])
@@ -62,8 +62,8 @@ class Recorder:
         """A new row, in the order of the statement that adds it."""
         own = (self._kb, self._number, track.timeline.id, start, end)
         if start <= self._now:
-            return (*own, None, node(start, end), None, *value)
-        return (*own, self._now, node(start, end), node(self._now, start), *value)
+            return (*own, None, level(start, end), None, *value)
+        return (*own, self._now, level(start, end), node(self._now, start), *value)
 
     def _number_timelines(self, writes: Writes) -> None:
         count = len(writes.timelines)
@@ -119,8 +119,8 @@ def _timeline_row(timeline: Timeline) -> dict[str, Any]:
     }
 
 
-def _with_node(row: dict[str, Any]) -> dict[str, Any]:
-    return row | {"node": node(row["start"], row["end_time"])}
+def _with_level(row: dict[str, Any]) -> dict[str, Any]:
+    return row | {"level": level(row["start"], row["end_time"])}
 
 
 def _with_pending_node(row: dict[str, Any]) -> dict[str, Any]:

@@ -160,7 +160,7 @@ def create_assertions(table: str, *own: sa.Column[object]) -> None:
         sa.Column("end_cause", sa.SmallInteger),
         sa.Column("cancelled_tx", sa.BigInteger),
         sa.Column("cancelled_time", sa.BigInteger),
-        sa.Column("node", sa.BigInteger),
+        sa.Column("level", sa.SmallInteger),
         sa.Column("pending_node", sa.BigInteger),
         *own,
         sa.PrimaryKeyConstraint("id", name=f"pk_{table}"),
@@ -170,8 +170,8 @@ def create_assertions(table: str, *own: sa.Column[object]) -> None:
     standing = "end_time > initial_time"
     create_index(f"ux_{table}_timeline", table, ["kb_id", "timeline_id", "initial_time"], standing, unique=True)
     for suffix, columns, where in (
-        ("left", ["node", "initial_time"], "node IS NOT NULL"),
-        ("right", ["node", "end_time"], "node IS NOT NULL"),
+        ("begin", ["level", "initial_time"], "level IS NOT NULL"),
+        ("end", ["level", "end_time"], "level IS NOT NULL"),
         ("open", ["initial_time"], f"end_time = {OPEN}"),
         ("recorded", ["recorded_tx"], None),
         ("ended", ["ended_tx"], "end_cause <> 2"),

@@ -106,12 +106,18 @@ def history(table: str, own: Columns, role: int = STATE) -> str:
         "initial_ns": "f.initial_time",
         "end_ns": f"CASE WHEN f.end_time < {OPEN} THEN f.end_time END",
     }
+    # of several that begin when it ends, the first to be recorded; all but the last of them are of no length
+    next_one = (
+        f"SELECT min(q.id) FROM {table} q"
+        " WHERE q.kb_id = f.kb_id AND q.timeline_id = f.timeline_id AND q.initial_time = f.end_time"
+    )
     return (
         f"SELECT {listed(columns)} FROM {table} f"
         f" JOIN timelines t ON t.id = f.timeline_id AND t.role = {role}"
         " JOIN knowledge_bases k ON k.id = f.kb_id"
-        f" LEFT JOIN {table} n ON n.kb_id = f.kb_id AND n.timeline_id = f.timeline_id AND n.initial_time = f.end_time"
-        " AND n.end_time > n.initial_time AND f.ended_tx IS NULL AND f.cancelled_tx IS NULL"
+        f" LEFT JOIN {table} n ON f.ended_tx IS NULL AND f.cancelled_tx IS NULL"
+        f" AND n.id = coalesce(({next_one} AND q.end_time <= q.initial_time AND q.cancelled_tx IS NULL),"
+        f" ({next_one} AND q.end_time > q.initial_time))"
         " LEFT JOIN transactions r ON r.kb_id = f.kb_id AND r.number = f.recorded_tx"
         " LEFT JOIN transactions e ON e.kb_id = f.kb_id AND e.number = coalesce(f.ended_tx, n.recorded_tx)"
         " LEFT JOIN transactions c ON c.kb_id = f.kb_id AND c.number = f.cancelled_tx"
@@ -131,19 +137,23 @@ def current(table: str, own: Columns, role: int = STATE, also: str = "") -> str:
         "end_ns": f"CASE WHEN f.end_time < {OPEN} THEN f.end_time END",
         "as_of_ns": "k.last_time",
     }
-    level = "(WITH RECURSIVE level(h) AS (SELECT 0 UNION ALL SELECT h + 1 FROM level WHERE h < 62)"
-    right = f"{level} SELECT (((k.last_time + 1) >> h) | 1) << h FROM level WHERE ((k.last_time + 1) >> h) & 1 = 0)"
-    left = f"{level} SELECT ((k.last_time + 1) >> h) << h FROM level WHERE ((k.last_time + 1) >> h) & 1 = 1)"
+    levels = (
+        "(WITH RECURSIVE level(h) AS (SELECT 0 UNION ALL SELECT h + 1 FROM level WHERE h < 61) SELECT h FROM level)"
+    )
+    # the block of times on a level in which the latest one is, counted as the tree does
+    block = "(((k.last_time + 1) >> l.h) << l.h)"
+    past = f"({block} + (CAST(1 AS bigint) << l.h))"
+    within = (
+        f"f.level = l.h AND f.initial_time >= {block} - 1 AND f.initial_time <= k.last_time AND f.end_time >= {past}",
+        f"f.level = l.h AND f.end_time > k.last_time AND f.end_time < {past}",
+        f"f.end_time = {OPEN} AND f.initial_time <= k.last_time",
+    )
     return " UNION ALL ".join(
-        f"SELECT {listed(columns)} FROM knowledge_bases k"
+        f"SELECT {listed(columns)} FROM knowledge_bases k{f' CROSS JOIN {levels} l' if 'l.h' in stands else ''}"
         f" CROSS JOIN {table} f JOIN timelines t ON t.id = f.timeline_id AND t.role = {role}"
         " LEFT JOIN transactions r ON r.kb_id = f.kb_id AND r.number = f.recorded_tx"
         f" WHERE f.kb_id = k.id AND {stands} {also}".rstrip()
-        for stands in (
-            f"f.node IN {right} AND f.initial_time <= k.last_time",
-            f"f.node IN {left} AND f.end_time > k.last_time",
-            f"f.end_time = {OPEN} AND f.initial_time <= k.last_time",
-        )
+        for stands in within
     )
 
 

@@ -11,7 +11,7 @@ from kbstore import ManualClock
 
 _ASSERTIONS = (
     "SELECT t.key, x.initial_time, x.end_time, x.is_negative, x.recorded_tx, x.recorded_time, x.ended_tx, x.end_cause,"
-    " x.cancelled_tx, x.cancelled_time, x.node, x.pending_node{own}"
+    " x.cancelled_tx, x.cancelled_time, x.level, x.pending_node{own}"
     " FROM {table} x JOIN timelines t ON t.id = x.timeline_id ORDER BY t.key, x.initial_time"
 )
 _CONTENT = {

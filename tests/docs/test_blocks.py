@@ -16,7 +16,7 @@ def test_every_block_runs(document, tmp_path, monkeypatch, request):
     monkeypatch.chdir(tmp_path)
     replacing = {}
     if any(POSTGRESQL in block.text for block in blocks(document)):
-        replacing[POSTGRESQL] = request.getfixturevalue("postgresql_url")
+        replacing[POSTGRESQL] = request.getfixturevalue("empty_database")
     reader = Reader(tmp_path, replacing)
     for block in blocks(document):
         assert block.language in RUN | DATA, f"{document}:{block.line}: say which language this is"

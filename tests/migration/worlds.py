@@ -36,8 +36,8 @@ ROWS = {
     ],
     "facts": [
         # told at 10, replaced by its negation at 20, which transaction 3 took away at 30
-        {"id": 1, "timeline_id": 2, "initial_time": 10, "end_time": 20, "recorded_tx": 1, "node": 16, "ended_tx": 2},
-        {"id": 2, "timeline_id": 2, "initial_time": 20, "end_time": 30, "recorded_tx": 2, "node": 24, "ended_tx": 3},
+        {"id": 1, "timeline_id": 2, "initial_time": 10, "end_time": 20, "recorded_tx": 1, "level": 4, "ended_tx": 2},
+        {"id": 2, "timeline_id": 2, "initial_time": 20, "end_time": 30, "recorded_tx": 2, "level": 3, "ended_tx": 3},
         {"id": 3, "timeline_id": 4, "initial_time": 20, "end_time": OPEN, "recorded_tx": 2},
     ],
     "functions": [

@@ -7,7 +7,7 @@ from kbstore.clock import OPEN
 TABLES = {"instances": 1, "facts": 2, "functions": 3, "expressions": 4, "inequalities": 5}
 COLUMNS = (
     "id, timeline_id, initial_time, end_time, recorded_tx, recorded_time, ended_tx, end_cause,"
-    " cancelled_tx, cancelled_time, node, pending_node, is_negative"
+    " cancelled_tx, cancelled_time, level, pending_node, is_negative"
 )
 
 
@@ -18,6 +18,12 @@ def node(start, end):
     first, last = format(start + 1, "063b"), format(end, "063b")
     parting = next((place for place in range(63) if first[place] != last[place]), 63)
     return end if parting == 63 else int(first[:parting] + "1" + "0" * (62 - parting), 2)
+
+
+def level(start, end):
+    """How many zeros its node ends with: all that a row keeps of it."""
+    where = node(start, end)
+    return None if where is None else len(format(where, "b")) - len(format(where, "b").rstrip("0"))
 
 
 class Row:
@@ -52,13 +58,15 @@ def violations(execute, kb):
     }
     mentions = set(execute(f"SELECT object_id, timeline_id FROM mentions WHERE kb_id = {kb}"))
     objects = {key: id for id, (role, kind, key) in timelines.items() if (role, kind) == (0, 0)}
-    standing = {}
+    standing, empty = {}, {}
     for table in TABLES:
         for values in execute(f"SELECT {COLUMNS} FROM {table} WHERE kb_id = {kb}"):
             row = Row(table, values)
             _check_row(row, times, expect)
             if row.end_time > row.initial_time:
                 standing.setdefault((table, row.timeline_id), []).append(row)
+            elif row.cancelled_tx is None:
+                empty.setdefault((table, row.timeline_id), []).append(row.initial_time)
     types = dict(execute(f"SELECT id, instance_type FROM instances WHERE kb_id = {kb}"))
     existence_ends = {}
     for (table, timeline), rows in standing.items():
@@ -77,6 +85,8 @@ def violations(execute, kb):
             if row.ended_tx is None:
                 ahead = [end for name in arguments for end in existence_ends.get(name, ()) if end > row.initial_time]
                 ahead += [after.initial_time for after in rows[index + 1 : index + 2]]
+                # what began and ended at one time has ended what was before it, too
+                ahead += [t for t in empty.get((table, timeline), ()) if t > row.initial_time]
                 expect(row.end_time == min(ahead, default=OPEN), row, "should end at", min(ahead, default=OPEN))
     for row in execute(
         f"SELECT number, initial_time, end_time, node, ended_tx, recorded_tx FROM runs WHERE kb_id = {kb}"
@@ -92,7 +102,7 @@ def _check_row(row, times, expect):
     """What concerns a row alone, and the transactions that touched it."""
     recorded = times[row.recorded_tx]
     expect(row.initial_time <= row.end_time, row, "ends before it begins")
-    expect(row.node == node(row.initial_time, row.end_time), row, "is kept at the wrong node", row.node)
+    expect(row.level == level(row.initial_time, row.end_time), row, "is kept on the wrong level", row.level)
     if row.recorded_time is None:
         expect(row.initial_time == recorded, row, "is not of its transaction's time", recorded)
         expect(row.pending_node is None, row, "was never pending")

@@ -4,7 +4,7 @@ import random
 
 from kbstore.clock import OPEN
 from kbstore.storage import queries, tables
-from kbstore.storage.interval_tree import node
+from kbstore.storage.interval_tree import level, node
 
 KB = 2
 """The knowledge base that is asked; another one beside it is as large."""
@@ -56,7 +56,7 @@ def rows_of(table, kb, count, seed=0):
             row |= {"end_time": start, "ended_tx": None, "end_cause": None, "cancelled_tx": number}
             row |= {"recorded_time": max(0, start - 100), "cancelled_time": max(0, start - 50)}
             row["pending_node"] = node(row["recorded_time"], row["cancelled_time"])
-        row["node"] = node(row["initial_time"], row["end_time"])
+        row["level"] = level(row["initial_time"], row["end_time"])
         yield row
 
 

@@ -4,7 +4,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from kbstore.clock import OPEN, TIME_LIMIT
-from kbstore.storage.interval_tree import LEVELS, node, path
+from kbstore.storage.interval_tree import LEVELS, level, node, path, ranges
 
 small = st.integers(0, 70)
 near_a_power = st.builds(lambda power, near: max(0, 2**power + near), st.integers(0, 61), st.integers(-3, 3))
@@ -24,12 +24,25 @@ def test_the_node_is_where_the_paths_to_both_ends_part(start, end):
     assert start < node(start, end) <= end
 
 
+@given(times, times)
+def test_the_level_is_how_many_zeros_the_node_ends_with(start, end):
+    """With its level the end of an interval tells its node; so does its beginning, which is less than a step before."""
+    if end <= start:
+        assert level(start, end) is None
+        return
+    height, where = level(start, end), format(node(start, end), "b")
+    assert where.endswith("1" + "0" * height)
+    assert node(start, end) == end >> height << height
+    assert node(start, end) - 2**height <= start + 1 <= node(start, end)
+
+
 def test_open_and_empty_intervals_have_no_node():
     """Open intervals have an index of their own; empty ones, as cancelled rows are, are in none."""
     assert node(0, OPEN) is None
     assert node(TIME_LIMIT - 1, OPEN) is None
     assert node(7, 7) is None
     assert node(7, 3) is None
+    assert level(0, OPEN) is level(7, 7) is level(7, 3) is None
 
 
 @given(times, times, times)
@@ -38,20 +51,35 @@ def test_open_and_empty_intervals_have_no_node():
 @example(0, TIME_LIMIT - 1, TIME_LIMIT - 2)
 @example(TIME_LIMIT - 2, TIME_LIMIT - 1, TIME_LIMIT - 2)
 def test_an_interval_is_found_at_a_time_if_it_contains_it(start, end, t):
-    """By the path of t and one comparison an interval is found once, if start <= t < end, and never otherwise."""
+    """On its level an interval is within one range, once, if start <= t < end, and never otherwise."""
     if end <= start:
         return
-    left, right = path(t)
-    where = node(start, end)
-    found = (where in right and start <= t) + (where in left and end > t)
+    begins, ends = ranges(t)
+    first, past = begins[level(start, end)], ends[level(start, end)]
+    found = (first is not None and first <= start <= t) + (past is not None and t < end < past)
+    assert found == (start <= t < end)
+    if start <= t < end:
+        assert node(start, end) in path(t)
+
+
+@given(times, times, times)
+@example(0, 1, 0)
+@example(0, TIME_LIMIT - 1, TIME_LIMIT - 2)
+def test_the_block_around_a_time_is_enough(start, end, t):
+    """As the documentation says for SQL: it begins by t in the block around t and ends beyond it, or ends in it."""
+    if end <= start:
+        return
+    height = level(start, end)
+    first = (t + 1) >> height << height
+    found = (first - 1 <= start <= t and end >= first + 2**height) + (t < end < first + 2**height)
     assert found == (start <= t < end)
 
 
 @given(times)
 def test_a_path_is_as_long_as_the_tree_is_high(t):
-    """Each level has one node of the path, on one side of t, so that no question reads more than that."""
-    left, right = path(t)
-    assert len(left) + len(right) == LEVELS
-    assert all(number <= t + 1 for number in left)
-    assert all(number > t for number in right)
-    assert not {*left} & {*right}
+    """Each level has one node of the path, and one range, of beginnings or of ends: nobody reads more than that."""
+    begins, ends = ranges(t)
+    assert len(path(t)) == len(set(path(t))) == len(begins) == len(ends) == LEVELS
+    for height, (where, first, past) in enumerate(zip(path(t), begins, ends, strict=True)):
+        assert where & -where == 2**height
+        assert (first is None) == (where <= t + 1) != (past is None)

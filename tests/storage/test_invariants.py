@@ -115,7 +115,7 @@ def play(kb, clock, sequence):
 @given(st.data())
 @settings(max_examples=40, deadline=None, suppress_health_check=list(HealthCheck))
 def test_the_tables_are_sound_after_random_transactions(data):
-    """V1, C5, C6, C9, Q6: nodes fit their intervals, ends are those derived, numbers have no gaps, nothing overlaps."""
+    """V1, C5, C6, C9, Q6: levels fit, ends are those derived, numbers have no gaps, nothing overlaps."""
     clock = kbstore.ManualClock(START)
     with kbstore.open("sqlite://", clock=clock) as kb:
         play(kb, clock, sequences(lambda choices: data.draw(st.sampled_from(choices))))
@@ -132,11 +132,11 @@ def test_the_tables_are_sound_on_every_store(open_kb, clock):
 
 
 WRONG = {
-    "UPDATE facts SET node = node + 1 WHERE node IS NOT NULL": "is kept at the wrong node",
+    "UPDATE facts SET level = level + 1 WHERE level IS NOT NULL": "is kept on the wrong level",
     "UPDATE facts SET pending_node = 1 WHERE recorded_time IS NOT NULL": "was pending at the wrong node",
     "UPDATE facts SET end_time = end_time - 1 WHERE ended_tx IS NOT NULL": "did not end with its transaction",
     "UPDATE facts SET initial_time = initial_time + 1, recorded_time = NULL": "is not of its transaction's time",
-    f"UPDATE facts SET end_time = {OPEN}, node = NULL WHERE recorded_time IS NULL": "overlaps",
+    f"UPDATE facts SET end_time = {OPEN}, level = NULL WHERE recorded_time IS NULL": "overlaps",
     "UPDATE facts SET cancelled_tx = 1, ended_tx = NULL": "is half cancelled",
     "UPDATE transactions SET recorded_time = 0 WHERE number = 3": "time runs backwards",
     "UPDATE knowledge_bases SET last_number = 9": "numbers have gaps",
