@@ -90,6 +90,7 @@ class KnowledgeBase:
             use_unknowns=unknowns,
             clock=self._clock,
             explainer=self._explain_state,
+            caching=cache,
             is_archive=self._is_archive,
         )
         self._history = History(self._reader)

@@ -36,7 +36,8 @@ def open(
         durability: "full" keeps every acknowledged transaction through a loss of power; "normal" may lose the last.
         validate: whether what is added must fit the domain.
         read_only: whether writing is refused.
-        cache: whether answers about now are remembered until something changes (SQLite only).
+        cache: whether answers are remembered: those about now until something changes (SQLite only), and the states of
+            the past that were asked for last.
         tolerance: how far the clock may be behind the latest recorded time (a duration; rule T3).
         busy_timeout: seconds to wait for a lock that others hold, before it is `StoreUnavailable`.
 

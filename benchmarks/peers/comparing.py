@@ -4,6 +4,7 @@ import gc
 import importlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from itertools import count
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -82,12 +83,13 @@ def _reading(settings: Settings, name: str, peer: Peer, history: History) -> Ite
 def _questions(kb: KnowledgeBase, peer: Peer, t: int) -> dict[str, tuple[Way, Way]]:
     """Both answer alike, which is looked at beforehand."""
     asked = kb.state(at=t).facts[500]
+    times = count(t)
     key = " ".join(asked.key)
     standing = peer.state(t)
     if standing != {" ".join(item.key): item.is_negative for item in kb.state(at=t).facts}:
         raise AssertionError(f"{type(peer).__name__} tells another state at {t} than kbstore")
     return {
-        "state at t and one question": (lambda: kb.state(at=t).holds(asked), lambda: peer.state(t)[key]),
+        "state at t and one question": (lambda: kb.state(at=next(times)).holds(asked), lambda: peer.state(t)[key]),
         "holds at t": (lambda: kb.holds(asked, at=t), lambda: peer.point(key, t)),
     }
 

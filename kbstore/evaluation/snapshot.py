@@ -21,19 +21,22 @@ class Snapshot:
         self.rows = rows
         self.domain = domain
         self.use_unknowns = use_unknowns
+        self._by_key: dict[KnowledgeType, dict[str, Row]] = {}
         self._of_types: dict[tuple[str, ...], Collection[str]] = {}
 
     def of(self, kind: KnowledgeType, role: Role = Role.STATE) -> list[Row]:
         """The rows of a knowledge type."""
         return [row for row in self.rows if row[0].kind is kind and row[0].role is role]
 
-    @cached_property
-    def _rows_by_key(self) -> dict[tuple[KnowledgeType, str], Row]:
-        return {(row[0].kind, row[0].key): row for row in self.rows if row[0].role is Role.STATE}
-
     def row(self, kind: KnowledgeType, name: str) -> Row | None:
         """The assertion that stands on one timeline of the state."""
-        return self._rows_by_key.get((kind, name))
+        by_key = self._by_key.get(kind)
+        if by_key is None:
+            # most states are asked one question: one pass is cheaper than any order among the rows
+            by_key = self._by_key[kind] = {
+                row[0].key: row for row in self.rows if row[0].kind is kind and row[0].role is Role.STATE
+            }
+        return by_key.get(name)
 
     @cached_property
     def _signs(self) -> dict[str, dict[Arguments, bool]]:
@@ -42,13 +45,6 @@ class Snapshot:
             name, *arguments = timeline.keys
             found[name][tuple(arguments)] = not value[0]
         return found
-
-    @cached_property
-    def _numbers(self) -> dict[tuple[str, ...], Number]:
-        return {
-            timeline.keys: Number(value[1], value[3], initial_time)
-            for timeline, initial_time, value in self.of(KnowledgeType.FUNCTION)
-        }
 
     @cached_property
     def types(self) -> dict[str, str]:
@@ -61,8 +57,8 @@ class Snapshot:
 
     def sign(self, name: str, arguments: Arguments) -> bool | None:
         """True where the fact is asserted, False where it is explicitly false, None where nothing is said."""
-        facts = self._signs.get(name)
-        return None if facts is None else facts.get(arguments)
+        row = self.row(KnowledgeType.FACT, " ".join((name, *arguments)))
+        return None if row is None else not row[2][0]
 
     def facts(self, name: str) -> Iterable[tuple[Arguments, bool]]:
         """All facts of a predicate that are said, each with its sign."""
@@ -70,7 +66,8 @@ class Snapshot:
 
     def number(self, name: str, arguments: Arguments) -> Number | None:
         """The value of a numeric function, None where it is undefined."""
-        return self._numbers.get((name, *arguments))
+        row = self.row(KnowledgeType.FUNCTION, " ".join((name, *arguments)))
+        return None if row is None else Number(row[2][1], row[2][3], row[1])
 
     def objects(self, types: Iterable[str]) -> Collection[str]:
         """The objects that exist and are of one of the types or their subtypes, constants included."""

@@ -20,8 +20,9 @@ from kbstore.messages import KnowledgeType
 from kbstore.names import key
 from kbstore.planning.projection import Event
 from kbstore.reading.history import History
+from kbstore.reading.pictures import Place
 from kbstore.reading.questions import Question, as_condition
-from kbstore.reading.reader import Place, Reader
+from kbstore.reading.reader import Reader
 from kbstore.storage.repository import Recorded, Repository
 from kbstore.timelines import Identity, Role, Timeline, Value
 from kbstore.vocabulary import Vocabulary

@@ -4,18 +4,18 @@ import json
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from typing import NamedTuple
 
 from kbstore.clock import Clock, isoformat, time
 from kbstore.domain import Domain
 from kbstore.errors import HistoryUnavailable
-from kbstore.evaluation.snapshot import Row
+from kbstore.evaluation.snapshot import Row, Snapshot
 from kbstore.messages import KnowledgeType
 from kbstore.pddl.domain_reader import read_domain
 from kbstore.planning.projection import Projection, Running
 from kbstore.reading.lazy_world import LazyWorld
 from kbstore.reading.mentions import mentions
+from kbstore.reading.pictures import Album, Picture, Place
 from kbstore.reading.questions import Question
 from kbstore.reading.state import State
 from kbstore.record import Explanation, Run, Transaction
@@ -33,26 +33,6 @@ class DomainVersion(NamedTuple):
     domain: Domain
 
 
-class Place(NamedTuple):
-    """The moment that a question means: a time, and whose belief about it."""
-
-    at: int
-    belief: Moment
-    head: Head
-    is_past_belief: bool
-
-
-@dataclass
-class Picture:
-    """What stood at a moment, was pending and ran, under which vocabulary."""
-
-    place: Place
-    rows: list[Row]
-    pending: list[Row]
-    running: list[Running]
-    vocabulary: Vocabulary
-
-
 class Reader:
     """Reads one knowledge base. Holds what never changes: timelines, versions of the domain."""
 
@@ -65,6 +45,7 @@ class Reader:
         use_unknowns: bool,
         clock: Clock,
         explainer: Callable[[State, Question], Explanation],
+        caching: bool = True,
         is_archive: bool = False,
     ) -> None:
         self.database = database
@@ -75,6 +56,7 @@ class Reader:
         self.clock = clock
         self.cache = TimelineCache()
         self._explainer = explainer
+        self._album = Album() if caching else None
         self._versions: list[DomainVersion] = []
         self._loading = threading.Lock()
 
@@ -172,34 +154,45 @@ class Reader:
 
     # -- pictures ---------------------------------------------------------------------------------------------
 
-    def picture(self, repository: Repository, place: Place) -> Picture:
+    def picture(self, repository: Repository, place: Place, domain: Domain | None) -> Picture:
         """What stood (or is expected to stand) at a moment (rules Q1, Q2, O3)."""
+        if self._album is None or not place.is_settled:
+            return self._picture(repository, place, domain)
+        picture = self._album.find(place.at)
+        if picture is None:
+            picture = self._picture(repository, place, domain)
+            self._album.put(place.at, picture)
+        return picture
+
+    def _picture(self, repository: Repository, place: Place, domain: Domain | None) -> Picture:
         t, belief = place.at, place.belief
-        exact = belief.number is not None and t == belief.time
-        at = belief if exact else Moment(min(t, belief.time))
-        if t > belief.time:
-            at = belief
-        vocabulary = self.vocabulary(repository, place.head, at)
+        at = self._known(place)
         pending = _all_kinds(repository.pending, at)
         running = self.running(repository, at, place.head)
-        if t <= belief.time:
-            return Picture(place, _all_kinds(repository.standing, at), pending, running, vocabulary)
-        if not place.is_past_belief and not running:
+        if t > belief.time and (place.is_past_belief or running):
+            projection = Projection(
+                belief.time,
+                _all_kinds(repository.standing, at),
+                pending,
+                running,
+                domain=domain,
+                use_unknowns=self.use_unknowns,
+                mentions=mentions,
+            )
+            for _ in projection.advance(t):
+                pass
+            rows, running = projection.rows, projection.running
+        else:
             # what was scheduled is stored with the interval that is expected of it
-            rows = _all_kinds(repository.standing, Moment(t))
-            return Picture(place, rows, pending, running, vocabulary)
-        projection = Projection(
-            belief.time,
-            _all_kinds(repository.standing, at),
-            pending,
-            running,
-            domain=vocabulary.domain,
-            use_unknowns=self.use_unknowns,
-            mentions=mentions,
-        )
-        for _ in projection.advance(t):
-            pass
-        return Picture(place, projection.rows, pending, projection.running, vocabulary)
+            rows = _all_kinds(repository.standing, at if t <= belief.time else Moment(t))
+        return Picture(Snapshot(t, rows, domain, self.use_unknowns), pending, running)
+
+    @staticmethod
+    def _known(place: Place) -> Moment:
+        """The place in the record up to which a question uses it."""
+        t, belief = place.at, place.belief
+        is_exact = belief.number is not None and t == belief.time
+        return belief if is_exact or t > belief.time else Moment(t)
 
     def running(self, repository: Repository, at: Moment, head: Head) -> list[Running]:
         """The durative actions that run at a place in the record."""
@@ -209,21 +202,14 @@ class Reader:
 
     def state(self, repository: Repository, place: Place, as_of: object = None) -> State:
         """The state at a moment."""
-        return self.state_of(self.picture(repository, place), as_of)
+        vocabulary = self.vocabulary(repository, place.head, self._known(place))
+        picture = self.picture(repository, place, vocabulary.domain)
+        return self.state_of(picture, vocabulary, None if as_of is None else place.belief)
 
-    def state_of(self, picture: Picture, as_of: object = None) -> State:
+    def state_of(self, picture: Picture, vocabulary: Vocabulary, belief: Moment | None = None) -> State:
         """The state that a picture shows."""
         return State(
-            at=picture.place.at,
-            belief=None if as_of is None else picture.place.belief,
-            name=self.name,
-            rows=picture.rows,
-            pending=picture.pending,
-            running=picture.running,
-            vocabulary=picture.vocabulary,
-            use_unknowns=self.use_unknowns,
-            mentions=mentions,
-            explainer=self._explainer,
+            picture, belief=belief, name=self.name, vocabulary=vocabulary, mentions=mentions, explainer=self._explainer
         )
 
 

@@ -9,7 +9,6 @@ from kbstore.domain import Domain
 from kbstore.errors import KbStoreError
 from kbstore.evaluation import conditions, expressions
 from kbstore.evaluation.interpretation import Interpretation
-from kbstore.evaluation.snapshot import Row, Snapshot
 from kbstore.messages import (
     ComparisonType,
     Condition,
@@ -24,8 +23,9 @@ from kbstore.messages import (
     Truth,
 )
 from kbstore.pddl.writer import write_problem
-from kbstore.planning.projection import Mentions, Projection, Running
+from kbstore.planning.projection import Mentions, Projection
 from kbstore.reading.items import ItemReader
+from kbstore.reading.pictures import Picture
 from kbstore.reading.questions import Question, as_condition, as_expression, as_item
 from kbstore.record import QueryResult, Run
 from kbstore.storage.repository import Moment
@@ -65,32 +65,26 @@ class State:
 
     def __init__(
         self,
+        picture: Picture,
         *,
-        at: int,
         belief: Moment | None,
         name: str,
-        rows: list[Row],
-        pending: list[Row],
-        running: list[Running],
         vocabulary: Vocabulary,
-        use_unknowns: bool,
         mentions: Mentions,
         explainer: "Callable[[State, Question], Explanation]",
     ) -> None:
-        self.at = at
+        self.snapshot = picture.snapshot
+        """What conditions are evaluated against."""
+        self.at = self.snapshot.time
         self.as_of = None if belief is None else belief.time
         self.belief = belief
         self.name = name
-        self._rows = rows
-        self._pending = pending
-        self._running = running
+        self._pending = picture.pending
+        self._running = picture.running
         self._vocabulary = vocabulary
-        self._use_unknowns = use_unknowns
         self._mentions = mentions
         self._explainer = explainer
         self._reader = ItemReader(vocabulary)
-        self.snapshot = Snapshot(at, rows, vocabulary.domain, use_unknowns)
-        """What conditions are evaluated against."""
 
     # -- what stands ------------------------------------------------------------------------------------------
 
@@ -102,7 +96,7 @@ class State:
     @property
     def use_unknowns(self) -> bool:
         """Whether absent reads as unknown."""
-        return self._use_unknowns
+        return self.snapshot.use_unknowns
 
     @cached_property
     def instances(self) -> list[Instance]:
@@ -134,13 +128,13 @@ class State:
     @cached_property
     def goals(self) -> list[Goal]:
         """The parts of the goal."""
-        rows = [row for row in self._rows if row[0].role is Role.GOAL]
+        rows = [row for row in self.snapshot.rows if row[0].role is Role.GOAL]
         return cast("list[Goal]", self._reader.items(rows, self.at))
 
     @cached_property
     def constraints(self) -> list[str]:
         """The trajectory constraints that problems brought, in PDDL."""
-        return [row[2][2] for row in self._rows if row[0].role is Role.CONSTRAINT]
+        return [row[2][2] for row in self.snapshot.rows if row[0].role is Role.CONSTRAINT]
 
     @cached_property
     def timed_knowledge(self) -> list[KnowledgeItem]:
@@ -224,11 +218,11 @@ class State:
         """The state, to be played forward."""
         return Projection(
             self.at,
-            self._rows,
+            self.snapshot.rows,
             [row for row in self._pending if row[1] > self.at],
             self._running,
             domain=self.domain,
-            use_unknowns=self._use_unknowns,
+            use_unknowns=self.snapshot.use_unknowns,
             mentions=self._mentions,
         )
 
@@ -237,4 +231,4 @@ class State:
         return write_problem(self, explicit_negatives=explicit_negatives)
 
     def __repr__(self) -> str:
-        return f"<State of {self.name} at {self.at}: {len(self._rows)} assertions>"
+        return f"<State of {self.name} at {self.at}: {len(self.snapshot.rows)} assertions>"

@@ -300,6 +300,20 @@ for_kind: dict[KnowledgeType, AssertionQueries] = {
     KnowledgeType.INEQUALITY: AssertionQueries("inequalities", "comparison_type", "lhs", "rhs", "grounded"),
 }
 
+
+def _exists(table: str, index: str, also: str = "") -> str:
+    return f"EXISTS (SELECT 1 FROM {table} BY(ix_{table}_{index}) WHERE kb_id = :kb{also})"
+
+
+present = Statement(
+    "SELECT "
+    + ", ".join(
+        f"{_exists(kind.table, 'recorded')}, {_exists(kind.table, 'scheduled', ' AND recorded_time IS NOT NULL')}"
+        for kind in for_kind.values()
+    )
+)
+"""For each knowledge type whether there are any assertions, and any that were scheduled."""
+
 settle_rate = Statement("UPDATE functions SET rate = :rate WHERE id = :id AND kb_id = :kb")
 """Give a scheduled value the rate that is derived for it: its own, and what runs adds."""
 

@@ -2,6 +2,7 @@
 
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
+from functools import cached_property
 from typing import Any, NamedTuple
 
 from kbstore.messages import KnowledgeType
@@ -58,6 +59,13 @@ class Recorded(NamedTuple):
     cancelled: int | None
     cause: int | None
     value: Value
+
+
+class Present(NamedTuple):
+    """Whether a knowledge base has any assertions of a knowledge type, and any that were scheduled."""
+
+    anything: bool
+    scheduled: bool
 
 
 class RunRow(NamedTuple):
@@ -217,9 +225,11 @@ class Repository:
 
     def standing(self, kind: KnowledgeType, moment: Moment) -> list[Standing]:
         """The assertions of a knowledge type that stand at a place in the record."""
+        if not self._present[kind].anything:
+            return []
         statements = queries.for_kind[kind]
         statement = statements.standing if moment.number is None else statements.standing_as_of
-        return self._standing(self._session.all(statement, self._place(moment)))
+        return self._standing(kind, self._session.all(statement, self._place(moment)))
 
     def point(self, timeline: Timeline, t: int) -> Standing | None:
         """The assertion that stands on one timeline at a time."""
@@ -230,9 +240,18 @@ class Repository:
 
     def pending(self, kind: KnowledgeType, moment: Moment) -> list[Standing]:
         """What was scheduled at a place in the record, and takes effect after it."""
+        if not self._present[kind].scheduled:
+            return []
         statements = queries.for_kind[kind]
         statement = statements.pending if moment.number is None else statements.pending_as_of
-        return self._standing(self._session.all(statement, self._place(moment)))
+        return self._standing(kind, self._session.all(statement, self._path(moment)))
+
+    @cached_property
+    def _present(self) -> dict[KnowledgeType, Present]:
+        row = self._session.first(queries.present, {"kb": self._kb})
+        assert row is not None
+        flags = iter(row)
+        return {kind: Present(next(flags), next(flags)) for kind in queries.for_kind}
 
     def _place(self, moment: Moment) -> dict[str, Any]:
         """The parameters that say a place in the record; the same for each of the tables."""
@@ -246,18 +265,24 @@ class Repository:
             "t": moment.time,
             "begins": array(begins),
             "ends": array(ends),
-            "path": array(path(moment.time)),
         }
         if moment.number is not None:
             place |= {"number": moment.number, "latest": moment.latest}
         self._places[moment] = place
         return place
 
-    def _standing(self, rows: list[Row]) -> list[Standing]:
-        if not rows:
-            return []
-        timelines = self.timelines([row[0] for row in rows])
-        return [(timelines[row[0]], row[1], row[2:]) for row in rows]
+    def _path(self, moment: Moment) -> dict[str, Any]:
+        """The same for what is kept by the nodes themselves."""
+        place = self._place(moment)
+        if "path" not in place:
+            place["path"] = self._session.array(path(moment.time))
+        return place
+
+    def _standing(self, kind: KnowledgeType, rows: list[Row]) -> list[Standing]:
+        try:
+            return _with_timelines(kind, rows, self._cache.by_id)
+        except KeyError:
+            return _with_timelines(kind, rows, self.timelines([row[0] for row in rows]))
 
     def live(self, kind: KnowledgeType, ids: Sequence[int], t: int) -> dict[int, list[Stored]]:
         """For each timeline the latest row that begins no later than `t`, and those ahead of it, in order."""
@@ -277,7 +302,7 @@ class Repository:
     def running(self, moment: Moment) -> list[RunRow]:
         """The durative actions that run at a place in the record, in the order in which they were started."""
         statement = queries.running if moment.number is None else queries.running_as_of
-        rows = sorted(self._session.all(statement, self._place(moment)))
+        rows = sorted(self._session.all(statement, self._path(moment)))
         if not rows:
             return []
         parameters = {"kb": self._kb, "numbers": self._session.array([row[0] for row in rows])}
@@ -334,3 +359,10 @@ class Repository:
     def _recorded(self, rows: list[Row]) -> list[Recorded]:
         timelines = self.timelines([row[0] for row in rows])
         return [Recorded._make((timelines[row[0]], *row[1:7], row[7:])) for row in rows]
+
+
+def _with_timelines(kind: KnowledgeType, rows: list[Row], timelines: Mapping[int, Timeline]) -> list[Standing]:
+    if kind is KnowledgeType.FACT:
+        # a state is made of facts, most of all
+        return [(timelines[id], t, (sign,)) for id, t, sign in rows]
+    return [(timelines[row[0]], row[1], row[2:]) for row in rows]

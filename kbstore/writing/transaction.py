@@ -10,7 +10,7 @@ from kbstore.bulk import without_collection
 from kbstore.clock import isoformat, time
 from kbstore.domain import Domain
 from kbstore.errors import ClockWentBackwards, Conflict, InvalidKnowledge, KbStoreError
-from kbstore.evaluation.snapshot import Row
+from kbstore.evaluation.snapshot import Row, Snapshot
 from kbstore.messages import (
     Condition,
     KnowledgeItem,
@@ -20,8 +20,9 @@ from kbstore.messages import (
 from kbstore.pddl.domain_reader import read_domain
 from kbstore.pddl.problem_reader import read_problem
 from kbstore.reading.mentions import mentions
+from kbstore.reading.pictures import Picture
 from kbstore.reading.questions import Question
-from kbstore.reading.reader import Picture, Place, Reader
+from kbstore.reading.reader import Reader
 from kbstore.reading.state import State
 from kbstore.record import Applicability, Run, Transaction
 from kbstore.storage.repository import Moment, Repository
@@ -365,14 +366,9 @@ class OpenTransaction:
             rows |= {row[0].identity: row for row in self._repository.standing(kind, moment)}
             pending |= {(row[0].identity, row[1]): row for row in self._repository.pending(kind, moment)}
         self._draft.overlay(rows, pending)
-        picture = Picture(
-            Place(self.now, moment, self._head, False),
-            list(rows.values()),
-            list(pending.values()),
-            self._mission.running,
-            self._vocabulary,
-        )
-        return self._reader.state_of(picture)
+        snapshot = Snapshot(self.now, list(rows.values()), self._vocabulary.domain, self._reader.use_unknowns)
+        picture = Picture(snapshot, list(pending.values()), self._mission.running)
+        return self._reader.state_of(picture, self._vocabulary)
 
     def holds(self, question: Question) -> bool:
         """Whether a fact or condition is true in the state as the transaction has it."""

@@ -1,0 +1,119 @@
+"""States of the past, which are kept for a while once they were asked for."""
+
+import random
+
+import kbstore
+from kbstore import KnowledgeType
+from kbstore.clock import seconds
+from kbstore.evaluation.snapshot import Snapshot
+from kbstore.reading import pictures
+from kbstore.reading.pictures import Album, Picture
+from kbstore.timelines import Timeline
+from tests.conftest import DOMAIN, OBJECTS, START
+
+LONGER = DOMAIN.replace("(raining)", "(raining) (foggy)")
+
+
+def content(state):
+    """All that a state says, in the order in which it says it."""
+    return (
+        state.at,
+        *map(str, (state.instances, state.facts, state.functions, state.goals, state.metric, state.inequalities)),
+        [(item.initial_time, str(item)) for item in state.timed_knowledge],
+        str(state.running),
+        sorted(state.domain.predicate_signatures),
+        state.to_pddl(),
+    )
+
+
+def write_something(kb, clock, chance):
+    """One more transaction at a random later time."""
+    clock.advance(chance.choice((0, 1, seconds(1), seconds(2))))
+    sign = chance.choice(("(open wp0)", "(not (open wp0))", "(open wp1)", "(raining)"))
+    match chance.randrange(7):
+        case 0:
+            kb.add(sign, initial_time=clock.now() + seconds(chance.choice((1, 3))))
+        case 1:
+            kb.remove("(open ?)")
+        case 2:
+            kb.add_goal(sign)
+        case 3:
+            kb.load(chance.choice((DOMAIN, LONGER)))
+        case 4:
+            kb.remove("wp1")
+            kb.add("wp1 - place")
+        case _:
+            kb.add(sign)
+
+
+def test_a_settled_state_stays_as_it_was(tmp_path):
+    """T5: asked again, a state of the past is what it was, and what a reader says that remembers nothing."""
+    chance = random.Random(5)
+    clock = kbstore.ManualClock(START)
+    store = tmp_path / "store.db"
+    first = {}
+    with kbstore.open(store, clock=clock) as kb, kbstore.open(store, clock=clock, cache=False) as forgetful:
+        kb.load(DOMAIN)
+        kb.add(*OBJECTS)
+        for _ in range(60):
+            write_something(kb, clock, chance)
+            latest = kb.add("(raining)").time
+            for t in [*chance.sample(sorted(first), min(3, len(first))), START + chance.randrange(latest - START + 1)]:
+                found = content(kb.state(at=t))
+                assert found == content(forgetful.state(at=t))
+                if t < latest:
+                    assert first.setdefault(t, found) == found
+
+
+def test_what_a_caller_does_to_a_list_does_not_change_the_state(kb, clock):
+    """The lists of a state are the caller's: the next one to ask has lists of its own."""
+    kb.add("(open wp0)")
+    kb.add_goal("(open wp1)")
+    then = clock.now()
+    clock.advance(1)
+    kb.add("(raining)")
+    before = content(kb.state(at=then))
+    state = kb.state(at=then)
+    for items in (state.facts, state.instances, state.goals, state.timed_knowledge, state.running):
+        items.clear()
+    assert content(kb.state(at=then)) == before
+
+
+def test_the_latest_moment_is_not_settled(kb, clock):
+    """What is written at the time of the latest transaction changes the state at that time."""
+    now = kb.add("(open wp0)").time
+    assert not kb.holds("(open wp1)", at=now)
+    assert not kb.state(at=now).holds("(open wp1)")
+    assert kb.add("(open wp1)").time == now == clock.now()
+    assert kb.state(at=now).holds("(open wp1)")
+
+
+def picture(t, size):
+    """A picture with so many assertions."""
+    rows = [(Timeline(n, 0, KnowledgeType.FACT, f"p o{n}", None), t, (False,)) for n in range(size)]
+    return Picture(Snapshot(t, rows, None, False), [], [])
+
+
+def test_an_album_keeps_what_was_asked_for_last(monkeypatch):
+    """It has room for so many assertions; those go that nobody asked for in the longest time."""
+    monkeypatch.setattr(pictures, "_KEPT", 30)
+    album = Album()
+    for t in (1, 2):
+        album.put(t, picture(t, 9))
+    assert album.find(1) is not None
+    album.put(3, picture(3, 14))
+    assert [t for t in (1, 2, 3) if album.find(t) is not None] == [1, 3]
+    album.put(4, picture(4, 31))
+    assert [t for t in (1, 3, 4) if album.find(t) is not None] == [1, 3]
+
+
+def test_a_state_that_is_kept_is_not_read_again(tmp_path):
+    """Asking for the same moment of the past again reads no assertions."""
+    clock = kbstore.ManualClock(START)
+    with kbstore.open(tmp_path / "store.db", clock=clock) as kb:
+        then = kb.add("(open door)").time
+        clock.advance(1)
+        kb.add("(raining)")
+        first = kb.state(at=then).snapshot
+        assert kb.state(at=then).snapshot is first
+        assert kb.state().snapshot is not kb.state().snapshot
