@@ -42,7 +42,7 @@ from kbstore.reading.state import State, value_in
 from kbstore.reading.watching import Watch
 from kbstore.record import Applicability, Assertion, Change, Diff, Ended, Explanation, QueryResult, Run, Transaction
 from kbstore.storage import queries
-from kbstore.storage.engine import Database
+from kbstore.storage.database import Database
 from kbstore.storage.repository import Moment, TimelineCache
 from kbstore.storage.transfer import Progress, is_archive
 from kbstore.writing.ingesting import BATCH, Counted, Ingested, ingest
@@ -295,6 +295,9 @@ class KnowledgeBase:
             found = self._points.truth(question, at)
             if found is not None:
                 return found
+        return self._truth(question, at, as_of)
+
+    def _truth(self, question: Question, at: object, as_of: object) -> Truth:
         with self._reader.repository() as repository:
             place = self._reader.place(repository, at, as_of)
             world = self._reader.world(repository, place)
@@ -305,7 +308,11 @@ class KnowledgeBase:
 
     def holds(self, question: Question, at: object = None, as_of: object = None) -> bool:
         """Whether a fact or condition is true at a time."""
-        return self.truth(question, at, as_of) is Truth.TRUE
+        if as_of is None:
+            found = self._points.truth(question, at)
+            if found is not None:
+                return found is Truth.TRUE
+        return self._truth(question, at, as_of) is Truth.TRUE
 
     def value(self, question: Question, at: object = None, as_of: object = None) -> float:
         """The value of a numeric function or expression at a time.

@@ -8,7 +8,8 @@ from sqlalchemy.engine import URL
 from kbstore.clock import Clock, duration
 from kbstore.knowledge_base import KnowledgeBase
 from kbstore.storage import queries, schema
-from kbstore.storage.engine import BUSY_TIMEOUT, Database
+from kbstore.storage.database import Database
+from kbstore.storage.engine import BUSY_TIMEOUT
 from kbstore.writing.transaction import TOLERANCE
 
 

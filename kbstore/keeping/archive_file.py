@@ -14,7 +14,7 @@ from kbstore.messages import KnowledgeType
 from kbstore.reading.mentions import mentions
 from kbstore.reading.reader import as_running
 from kbstore.storage import queries, schema
-from kbstore.storage.engine import Database
+from kbstore.storage.database import Database
 from kbstore.storage.repository import Head, Moment, Repository, TimelineCache
 from kbstore.storage.session import Session
 from kbstore.storage.transfer import Part, Record, Source, Target, batches, make_archive, sync_directory

@@ -4,7 +4,7 @@ Every other question reads as much as it needs (`kbstore.reading.lazy_world`), o
 """
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from kbstore.clock import OPEN, TIME_LIMIT, time
 from kbstore.errors import KbStoreError
@@ -16,7 +16,7 @@ from kbstore.reading.questions import Question, as_condition, as_expression
 from kbstore.reading.reader import Reader
 from kbstore.storage import queries
 from kbstore.storage.repository import Moment, Repository
-from kbstore.storage.session import Session
+from kbstore.storage.session import Memory, Session
 from kbstore.timelines import Role, Timeline, Value
 from kbstore.vocabulary import Vocabulary
 
@@ -33,6 +33,14 @@ class Answer(NamedTuple):
 
 
 _NOTHING = Answer(None, 0, OPEN)
+
+
+class Found(NamedTuple):
+    """An answer about a moment, and where it may be remembered until somebody commits."""
+
+    answer: Answer
+    t: int
+    memory: Memory | None = None
 
 
 class Point:
@@ -52,69 +60,107 @@ class Point:
 class Points:
     """Asks such questions of one knowledge base.
 
-    `caching` keeps answers about now for each connection, for as long as SQLite's ``data_version`` says that nobody
-    else has committed, and until the clock reaches the time at which the answer changes.
+    `caching` keeps answers about now for each connection, for as long as SQLite says that nobody has committed, and
+    until the clock reaches the time at which the answer changes.
     """
 
     def __init__(self, reader: Reader, *, caching: bool) -> None:
         self._reader = reader
+        self._database = reader.database
         self._clock = reader.clock
         self._caching = caching and reader.database.dialect == "sqlite"
-        self._prepared: dict[object, Point | None] = {}
+        self._prepared: dict[object, tuple[Question, Point | None]] = {}
 
     def truth(self, question: Question, at: object) -> Truth | None:
         """The truth of a ground fact, None if it is not such a question, or not one about a stored moment."""
+        if at is None:
+            session = self._database.at_hand()
+            if session is not None:
+                try:
+                    memory = session.recall()
+                    if memory is not None:
+                        known = memory.truths.get(question if type(question) is str else id(question))
+                        if known is not None and known[1] <= self._clock.now() < known[2]:
+                            truth: Truth = known[3]
+                            return truth
+                finally:
+                    self._database.put_back(session)
         point = self._point(question, self._fact)
         if point is None:
             return None
-        answer = self._answer(point, at)
-        if answer is None:
-            return None
-        value = answer[0].value
-        if point.kind is KnowledgeType.FUNCTION:
-            truth = Truth.of(value is not None)
-        elif value is None:
-            truth = Truth.UNKNOWN if self._reader.use_unknowns else Truth.FALSE
-        else:
-            truth = Truth.FALSE if value[0] else Truth.TRUE
-        return ~truth if point.negated else truth
+        session = self._database.take()
+        try:
+            found = self._answer(session, point, at)
+            if found is None:
+                return None
+            truth = self._truth_of(point, found.answer)
+            if found.memory is not None:
+                _remember(found.memory.truths, question, found, truth)
+            return truth
+        finally:
+            self._database.give_back(session)
 
     def number(self, question: Question, at: object) -> float | None:
         """The value of a ground function, None if it is not such a question, or has no value."""
+        if at is None:
+            session = self._database.at_hand()
+            if session is not None:
+                try:
+                    memory = session.recall()
+                    if memory is not None:
+                        known = memory.numbers.get(question if type(question) is str else id(question))
+                        if known is not None and known[1] <= (now := self._clock.now()) < known[2]:
+                            number: Number = known[3]
+                            return number.value if not number.rate else number.at(now)
+                finally:
+                    self._database.put_back(session)
         point = self._point(question, self._function)
-        answer = None if point is None else self._answer(point, at)
-        if answer is None or answer[0].value is None:
+        if point is None:
             return None
-        _, value, _, rate = answer[0].value
-        return Number(value, rate, answer[0].initial_time).at(answer[1])
+        session = self._database.take()
+        try:
+            found = self._answer(session, point, at)
+            if found is None or found.answer.value is None:
+                return None
+            _, value, _, rate = found.answer.value
+            number = Number(value, rate, found.answer.initial_time)
+            if found.memory is not None:
+                _remember(found.memory.numbers, question, found, number)
+            return number.at(found.t)
+        finally:
+            self._database.give_back(session)
 
     # -- answers ----------------------------------------------------------------------------------------------
 
-    def _answer(self, point: Point, at: object) -> tuple[Answer, int] | None:
-        """What stands, and the moment that was meant; None where it must be reckoned."""
-        with self._reader.database.asking() as session:
-            if at is not None:
-                return self._ask(session, point, at if type(at) is int else time(at), about_now=False)
-            now = self._clock.now()
-            if not self._caching or session.in_transaction:
-                return self._ask(session, point, time(now), about_now=True)
-            answers = session.answers(self._reader.kb)
-            known: tuple[Answer, int, int] | None = answers.get(point)
-            if known is not None:
-                answer, since, latest = known
-                now = max(now, latest)
-                if since <= now < answer.until:
-                    return answer, now
-            found = self._ask(session, point, time(now), about_now=True)
-            if found is not None:
-                answer, then = found
-                if len(answers) >= _PREPARED:
-                    answers.clear()
-                until = self._until(session, point, answer, then)
-                answers[point] = (answer._replace(until=until), then, then if then > now else 0)
-            return found
+    def _truth_of(self, point: Point, answer: Answer) -> Truth:
+        if point.kind is KnowledgeType.FUNCTION:
+            truth = Truth.of(answer.value is not None)
+        elif answer.value is None:
+            truth = Truth.UNKNOWN if self._reader.use_unknowns else Truth.FALSE
+        else:
+            truth = Truth.FALSE if answer.value[0] else Truth.TRUE
+        return ~truth if point.negated else truth
 
-    def _ask(self, session: Session, point: Point, t: int, *, about_now: bool) -> tuple[Answer, int] | None:
+    def _answer(self, session: Session, point: Point, at: object) -> Found | None:
+        """What stands, at the moment that was meant; None where it must be reckoned."""
+        if at is not None:
+            return self._ask(session, point, at if type(at) is int else time(at), about_now=False)
+        now = self._clock.now()
+        if not self._caching or session.in_transaction:
+            return self._ask(session, point, time(now), about_now=True)
+        memory = session.memory()
+        known: Found | None = memory.points.get(point)
+        if known is not None and known.t <= now < known.answer.until:
+            return known._replace(t=now)
+        found = self._ask(session, point, time(now), about_now=True)
+        if found is not None:
+            until = self._until(session, point, found.answer, found.t)
+            found = Found(found.answer._replace(until=until), found.t, memory)
+            _make_room(memory.points)
+            memory.points[point] = found
+        return found
+
+    def _ask(self, session: Session, point: Point, t: int, *, about_now: bool) -> Found | None:
         timeline = point.timeline
         if timeline is None:
             timeline = point.timeline = self._find(session, point)
@@ -136,8 +182,8 @@ class Points:
         if t < reader.latest_version_time:
             return None
         if end is None or end <= t:
-            return _NOTHING, t
-        return Answer(row[6:], initial_time, end), t
+            return Found(_NOTHING, t)
+        return Found(Answer(row[6:], initial_time, end), t)
 
     def _until(self, session: Session, point: Point, answer: Answer, now: int) -> int:
         """When the answer changes, if nobody writes."""
@@ -154,32 +200,36 @@ class Points:
     # -- prepared questions -----------------------------------------------------------------------------------
 
     def _point(self, question: Question, read: Callable[[Question, Vocabulary, int], Point | None]) -> Point | None:
+        # an item that is asked for again is found by itself, in a fifth of the time that what it says takes
+        asked = (question if type(question) is str else id(question), read)
+        known = self._prepared.get(asked)
+        if known is not None:
+            return known[1]
         if isinstance(question, str):
-            name: object = (question, read)
+            name: object = asked
         elif isinstance(question, Fact | Function):
-            name = (question.key, question.is_negative, question.labels, type(question), read)
-            if isinstance(question, Function):
-                name = (*name, question.function_value)
+            value = question.function_value if isinstance(question, Function) else None
+            name = (question.key, question.is_negative, question.labels, type(question), value, read)
         else:
             return None
-        try:
-            return self._prepared[name]
-        except KeyError:
-            pass
-        with self._reader.repository() as repository:
-            head = repository.head()
-            vocabulary = self._reader.vocabulary(repository, head, Moment(self._reader.now(head)))
-        try:
-            point = read(question, vocabulary, head.domain_version)
-        except KbStoreError:
-            # refused with the right words where it is asked as any other question
-            point = None
-        if point is None and vocabulary.domain is None:
-            # what a symbol means may become known
-            return None
-        if len(self._prepared) >= _PREPARED:
-            self._prepared.clear()
-        self._prepared[name] = point
+        point: Point | None
+        known = self._prepared.get(name)
+        if known is None:
+            with self._reader.repository() as repository:
+                head = repository.head()
+                vocabulary = self._reader.vocabulary(repository, head, Moment(self._reader.now(head)))
+            try:
+                point = read(question, vocabulary, head.domain_version)
+            except KbStoreError:
+                # refused with the right words where it is asked as any other question
+                point = None
+            if point is None and vocabulary.domain is None:
+                # what a symbol means may become known
+                return None
+        else:
+            point = known[1]
+        _make_room(self._prepared)
+        self._prepared[asked] = self._prepared[name] = (question, point)
         return point
 
     @staticmethod
@@ -201,6 +251,17 @@ class Points:
         if len(expression) != 1 or not isinstance(expression[0], Atom):
             return None
         return _ground(KnowledgeType.FUNCTION, expression[0], vocabulary, negated=False, version=version)
+
+
+def _remember(answers: dict[Any, Any], question: Question, found: Found, answer: object) -> None:
+    """Keep an answer with the times between which it is right. A text is found by what it says, an item by itself."""
+    _make_room(answers)
+    answers[question if type(question) is str else id(question)] = (question, found.t, found.answer.until, answer)
+
+
+def _make_room(remembered: dict[Any, Any]) -> None:
+    if len(remembered) >= _PREPARED:
+        remembered.clear()
 
 
 def _ground(kind: KnowledgeType, atom: Atom, vocabulary: Vocabulary, *, negated: bool, version: int) -> Point | None:

@@ -19,7 +19,7 @@ from kbstore.reading.pictures import Album, Picture, Place
 from kbstore.reading.questions import Question
 from kbstore.reading.state import State
 from kbstore.record import Explanation, Run, Transaction
-from kbstore.storage.engine import Database
+from kbstore.storage.database import Database
 from kbstore.storage.repository import Head, Moment, Repository, RunRow, TimelineCache
 from kbstore.vocabulary import Shape, Vocabulary
 

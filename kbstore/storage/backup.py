@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from kbstore.storage import schema
-from kbstore.storage.engine import Database
+from kbstore.storage.database import Database
 from kbstore.storage.transfer import Progress, Source, Steps, Store, Target, copy, names_in, new_file, opened
 
 _PAGES = 2000

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 from kbstore.errors import StoreUnavailable
 
 if TYPE_CHECKING:
-    from kbstore.storage.engine import Database
+    from kbstore.storage.database import Database
 
 PATIENCE = 1.0
 """Seconds that a fork waits for what other threads do in SQLite, before it goes on without."""

@@ -10,6 +10,7 @@ import sqlalchemy
 
 from kbstore.errors import StoreUnavailable
 from kbstore.storage.statements import Lookup, Statement
+from kbstore.storage.wal_index import Header, Unshared, find_header
 
 Row = tuple[Any, ...]
 Parameters = Mapping[str, Any]
@@ -26,6 +27,29 @@ _LOCK_NOT_AVAILABLE: Final = "55P03"
 """PostgreSQL's error when `lock_timeout` is over."""
 
 
+class Memory:
+    """What has been answered since the last commit, by whoever answers it.
+
+    Attributes:
+        truths: by question.
+        numbers: by question.
+        points: by what the questions are about.
+    """
+
+    __slots__ = ("numbers", "points", "truths")
+
+    def __init__(self) -> None:
+        self.truths: dict[Any, Any] = {}
+        self.numbers: dict[Any, Any] = {}
+        self.points: dict[Any, Any] = {}
+
+    def clear(self) -> None:
+        """Forget everything."""
+        self.truths.clear()
+        self.numbers.clear()
+        self.points.clear()
+
+
 class Session:
     """A connection, used by one thread at a time. Statements outside of a transaction see the latest commit.
 
@@ -36,10 +60,13 @@ class Session:
         lock: held by the thread that uses the session.
         uses: how many times over that thread does so.
         is_lost: whether the connection does not work any more.
+        is_local: whether there is no server that could have gone away.
         file: which file it has open, where that can be told.
     """
 
-    def __init__(self, connection: sqlalchemy.Connection, store: str, busy_timeout: float) -> None:
+    def __init__(
+        self, connection: sqlalchemy.Connection, store: str, busy_timeout: float, *, path: str | None, is_alone: bool
+    ) -> None:
         self._connection = connection
         driver: Any = connection.connection.driver_connection
         self.driver = driver
@@ -51,30 +78,41 @@ class Session:
         self._has_written = False
         self._store = store
         self._busy_timeout = busy_timeout
-        self._sqlite = connection.dialect.name == "sqlite"
+        self.is_local = self._sqlite = connection.dialect.name == "sqlite"
         self._error: type[Exception] = connection.dialect.loaded_dbapi.Error
         self._execute = driver.execute
         self._cursor = driver.cursor
-        self._answers: dict[int, dict[Any, Any]] = {}
-        self._data_version = -1
+        self._path = path
+        self._header: Header | None = Unshared() if is_alone else None
+        self._is_header_sought = is_alone
+        self._memory = Memory()
+        self._mark: bytes | int = -1
         self._settings_before: dict[str, Any] = {}
         self._is_closed = False
 
     # -- statements -------------------------------------------------------------------------------------------
 
-    def answers(self, kb: int) -> dict[Any, Any]:
-        """What is remembered of a knowledge base; forgotten whenever any connection has committed (SQLite only)."""
-        try:
-            version = self._execute("PRAGMA data_version").fetchone()[0]
-        except self._error as error:
-            raise self._failure(error) from error
-        if version != self._data_version:
-            self._data_version = version
-            self._answers.clear()
-        answers = self._answers.get(kb)
-        if answers is None:
-            answers = self._answers[kb] = {}
-        return answers
+    def memory(self) -> Memory:
+        """What is remembered; nothing if any connection has committed meanwhile. On SQLite, outside of transactions."""
+        if self._header is None:
+            try:
+                mark: bytes | int = self._execute("PRAGMA data_version").fetchone()[0]
+            except self._error as error:
+                raise self._failure(error) from error
+            if not self._is_header_sought:
+                self._is_header_sought = True
+                self._header = find_header(self._path)
+        if self._header is not None:
+            mark = self._header.raw
+        if mark != self._mark:
+            self._mark = mark
+            self._memory.clear()
+        return self._memory
+
+    def recall(self) -> Memory | None:
+        """The same, if that can be told at once; otherwise None."""
+        header = self._header
+        return None if header is None or self.in_transaction or header.raw != self._mark else self._memory
 
     def all(self, statement: Statement, parameters: Parameters) -> list[Row]:
         """All rows."""
@@ -178,7 +216,7 @@ class Session:
             raise failure from error
         self.in_transaction = False
         # data_version does not tell of this connection's own commits
-        self._answers.clear()
+        self._memory.clear()
 
     def rollback(self) -> None:
         """Roll the transaction back; a connection that is lost has done so already."""
@@ -257,6 +295,7 @@ class Session:
         if self._is_closed:
             return
         self._is_closed = True
+        self._header = None
         if give_back and not self.is_lost:
             try:
                 for name, value in self._settings_before.items():
@@ -275,6 +314,7 @@ class Session:
     def leave_to_parent(self, *, close: bool) -> None:
         """In a forked child: never speak to the parent's server; `close` a file that nobody uses in this process."""
         self._is_closed = self.is_lost = True
+        self._header = None
         self._refuse("this process was forked with this transaction open, which stays with the parent; begin another")
         # otherwise the pool would close it when it is collected
         self._connection.detach()

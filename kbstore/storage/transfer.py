@@ -16,7 +16,7 @@ from sqlalchemy.engine import URL
 from kbstore.clock import OPEN
 from kbstore.errors import InvalidKnowledge, StoreUnavailable
 from kbstore.storage import queries, schema
-from kbstore.storage.engine import Database
+from kbstore.storage.database import Database
 from kbstore.storage.interval_tree import level, node
 from kbstore.storage.session import Session
 from kbstore.storage.transfer_queries import (

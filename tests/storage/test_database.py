@@ -11,7 +11,8 @@ from sqlalchemy.pool import StaticPool
 
 import kbstore
 from kbstore.errors import StoreUnavailable
-from kbstore.storage.engine import Database, make_engine
+from kbstore.storage.database import Database
+from kbstore.storage.engine import make_engine
 from kbstore.storage.session import unavailable
 from kbstore.storage.statements import Statement
 
