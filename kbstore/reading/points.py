@@ -74,17 +74,12 @@ class Points:
     def truth(self, question: Question, at: object) -> Truth | None:
         """The truth of a ground fact, None if it is not such a question, or not one about a stored moment."""
         if at is None:
-            session = self._database.at_hand()
-            if session is not None:
-                try:
-                    memory = session.recall()
-                    if memory is not None:
-                        known = memory.truths.get(question if type(question) is str else id(question))
-                        if known is not None and known[1] <= self._clock.now() < known[2]:
-                            truth: Truth = known[3]
-                            return truth
-                finally:
-                    self._database.put_back(session)
+            memory = self._database.recall()
+            if memory is not None:
+                known = memory.truths.get(question if type(question) is str else id(question))
+                if known is not None and known[1] <= self._clock.now() < known[2]:
+                    truth: Truth = known[3]
+                    return truth
         point = self._point(question, self._fact)
         if point is None:
             return None
@@ -103,17 +98,12 @@ class Points:
     def number(self, question: Question, at: object) -> float | None:
         """The value of a ground function, None if it is not such a question, or has no value."""
         if at is None:
-            session = self._database.at_hand()
-            if session is not None:
-                try:
-                    memory = session.recall()
-                    if memory is not None:
-                        known = memory.numbers.get(question if type(question) is str else id(question))
-                        if known is not None and known[1] <= (now := self._clock.now()) < known[2]:
-                            number: Number = known[3]
-                            return number.value if not number.rate else number.at(now)
-                finally:
-                    self._database.put_back(session)
+            memory = self._database.recall()
+            if memory is not None:
+                known = memory.numbers.get(question if type(question) is str else id(question))
+                if known is not None and known[1] <= (now := self._clock.now()) < known[2]:
+                    number: Number = known[3]
+                    return number.at(now)
         point = self._point(question, self._function)
         if point is None:
             return None

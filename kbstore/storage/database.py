@@ -22,7 +22,7 @@ from sqlalchemy.pool import SingletonThreadPool, StaticPool
 from kbstore.errors import StoreUnavailable
 from kbstore.storage import forks
 from kbstore.storage.engine import BUSY_TIMEOUT, make_engine, refuse_others
-from kbstore.storage.session import Parameters, Row, Session, unavailable
+from kbstore.storage.session import Memory, Parameters, Row, Session, unavailable
 from kbstore.storage.statements import Statement
 
 
@@ -121,18 +121,17 @@ class Database:
         with self.asking() as session:
             return session.first(statement, parameters)
 
-    def at_hand(self) -> Session | None:
-        """This thread's session, if there is one that can be had at once; to be let go of."""
+    def recall(self) -> Memory | None:
+        """What this thread's session remembers, if it can be told at once that nobody has committed since."""
         session: Session | None = self._shared if self._is_in_memory else getattr(self._local, "session", None)
         if session is None or self._is_closed or self._is_forking or not session.lock.acquire(blocking=False):
             return None
-        return session
-
-    def put_back(self, session: Session) -> None:
-        """Done with a session that was at hand."""
-        if self._is_closed and not session.uses:
-            self._drop(session)
-        session.lock.release()
+        try:
+            return session.recall()
+        finally:
+            if self._is_closed and not session.uses:
+                self._drop(session)
+            session.lock.release()
 
     # -- sessions ---------------------------------------------------------------------------------------------
 
