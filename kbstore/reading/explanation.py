@@ -8,11 +8,12 @@ from kbstore.evaluation import conditions
 from kbstore.messages import KnowledgeType, Truth, format_number
 from kbstore.names import is_wildcard, key
 from kbstore.pddl.text import condition_text
+from kbstore.reading.course import since_when
 from kbstore.reading.history import History
 from kbstore.reading.questions import Question, as_condition
 from kbstore.reading.reader import Reader
 from kbstore.reading.state import State
-from kbstore.record import Explanation
+from kbstore.record import Explanation, Transaction
 from kbstore.storage.repository import Moment, Recorded, Repository
 from kbstore.timelines import EndCause, Role
 from kbstore.vocabulary import Vocabulary
@@ -66,7 +67,7 @@ class Explainer:
             for part, _ in conditions.deciding(condition, state.snapshot)
             if part != condition
         ]
-        return _summary(condition_text(condition), truth, parts)
+        return self._summary(repository, state, condition, truth, parts)
 
     def _atom(self, repository: Repository, state: State, atom: logic.Atom, truth: Truth) -> Explanation:
         if state.domain is not None and state.domain.is_derived(atom.name):
@@ -75,7 +76,7 @@ class Explainer:
                 Truth.FALSE: "not derivable by the domain's rules",
                 Truth.UNKNOWN: "not derivable from what is known",
             }[truth]
-            return Explanation(str(atom), truth, reason)
+            return self._summary(repository, state, atom, truth, (), reason)
         found = self._row(repository, state, KnowledgeType.FACT, atom)
         return self._of_row(repository, state, str(atom), truth, found, "never told")
 
@@ -92,8 +93,8 @@ class Explainer:
         undefined = [part for part in parts if part.truth is Truth.FALSE]
         if truth is Truth.UNKNOWN:
             reason = "undefined function" if undefined else "divides by zero"
-            return _summary(condition_text(condition), truth, undefined or parts, reason)
-        return _summary(condition_text(condition), truth, parts, "by the values of its functions")
+            return self._summary(repository, state, condition, truth, undefined or parts, reason)
+        return self._summary(repository, state, condition, truth, parts, "by the values of its functions")
 
     def _object(self, repository: Repository, state: State, condition: logic.IsA, truth: Truth) -> Explanation:
         text = condition_text(condition)
@@ -105,6 +106,39 @@ class Explainer:
             reason = f"an object of type {state.snapshot.type_of(key(condition.name))}"
             return Explanation(text, truth, reason, found.since, found.transaction)
         return found
+
+    def _summary(
+        self,
+        repository: Repository,
+        state: State,
+        condition: logic.Condition,
+        truth: Truth,
+        parts: Sequence[Explanation],
+        reason: str = "",
+    ) -> Explanation:
+        """What the parts that decide a condition come to.
+
+        It is as it is since the latest of them, unless it was the same before that, or became so later: numbers move
+        by the clock, and a quantifier speaks of objects that come and go.
+        """
+        since = max((part.since for part in parts if part.since is not None), default=None)
+        transaction = next((part.transaction for part in parts if part.since == since and since is not None), None)
+        is_constant = isinstance(condition, logic.Same | logic.Truism)
+        if state.belief is None and not is_constant:
+            guess = state.at if since is None else since
+            turned = since_when(self._reader, self._history, repository, condition, truth, state.at, guess=guess)
+            if turned not in (None, since):
+                since, transaction = turned, self._transaction_of(repository, turned) or transaction
+        if not reason:
+            made_up = "decided by its parts" if parts else "always so" if is_constant else "by all that it speaks of"
+            reason = parts[0].reason if len(parts) == 1 else made_up
+        return Explanation(condition_text(condition), truth, reason, since, transaction, tuple(parts))
+
+    def _transaction_of(self, repository: Repository, t: int) -> Transaction | None:
+        """The transaction of a time; None if there was none."""
+        number = repository.first_transaction_from(t)
+        found = None if number is None else self._history.transactions(repository, [number])[number]
+        return found if found is not None and found.time == t else None
 
     # -- rows -------------------------------------------------------------------------------------------------
 
@@ -166,11 +200,3 @@ class Explainer:
                 reason = f"undefined function: {reason}"
         transactions = self._history.transactions(repository, [] if number is None else [number])
         return Explanation(text, truth, reason, since, transactions.get(number or 0))
-
-
-def _summary(text: str, truth: Truth, parts: Sequence[Explanation], reason: str = "") -> Explanation:
-    """A condition is as it is since the latest of the parts that decide it."""
-    since = max((part.since for part in parts if part.since is not None), default=None)
-    last = next((part for part in parts if part.since == since and since is not None), None)
-    reason = reason or (parts[0].reason if len(parts) == 1 else "decided by its parts" if parts else "always so")
-    return Explanation(text, truth, reason, since, last.transaction if last else None, tuple(parts))

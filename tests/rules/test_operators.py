@@ -91,6 +91,18 @@ def test_each_condition_that_fails_is_named_with_since_when(depot, clock):
     assert (near, battery) == (START + 10, START + 10)
 
 
+def test_a_number_that_moves_fails_since_it_crossed(depot, clock):
+    """O1: not since it began to move; a second change for the worse does not make it later."""
+    depot.add("(increase (battery kenny) (* #t -2))")
+    clock.set(START + seconds(36))
+    (failing,) = depot.applicable(*ROUTE).failing
+    # 80 - 2 * 35 = 10, which is enough
+    assert (failing.condition, failing.since) == ("(>= (battery kenny) 10)", START + seconds(35) + 1)
+    depot.add("(= (battery kenny) 3)")
+    (failing,) = depot.applicable(*ROUTE).failing
+    assert failing.since == START + seconds(35) + 1
+
+
 def test_applicability_can_be_asked_at_any_time(depot, clock):
     """O1: on the state at t."""
     clock.set(START + 10)

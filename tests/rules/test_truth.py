@@ -168,6 +168,72 @@ def test_explain_names_an_undefined_function(kb):
     assert "undefined" in str(kb.explain("(> (battery kenny) 1)")).lower()
 
 
+MOVING = """
+(define (domain moving)
+  (:types thing)
+  (:predicates (seen ?t - thing) (low) (busy))
+  (:functions (level))
+  (:derived (low) (< (level) 4)))
+"""
+
+
+@pytest.fixture
+def tank(open_kb, clock):
+    """A level that falls from 10 by 1 a second from START + 10 s on; a and b, of which a is seen until START + 20 s."""
+    kb = open_kb()
+    kb.load(MOVING)
+    kb.add("a - thing", "b - thing", "(seen a)")
+    clock.set(START + seconds(10))
+    kb.add("(= (level) 10)", "(increase (level) (* #t -1))", client="gauge")
+    clock.set(START + seconds(20))
+    kb.remove("(seen a)", client="camera")
+    clock.set(START + seconds(30))
+    return kb
+
+
+@pytest.mark.parametrize(
+    ("condition", "since", "client"),
+    [
+        # the level is 5 at 15 s, and 4 at 16 s
+        ("(> (level) 5)", seconds(15), "gauge"),
+        ("(<= (level) 5)", seconds(15), "gauge"),
+        ("(not (> (level) 5))", seconds(15), "gauge"),
+        ("(or (busy) (> (level) 5))", seconds(15), "gauge"),
+        ("(low)", seconds(16) + 1, None),
+        ("(exists (?t - thing) (seen ?t))", seconds(20), "camera"),
+        ("(seen ?)", seconds(20), "camera"),
+        ("(forall (?t - thing) (not (seen ?t)))", seconds(20), "camera"),
+        ("(and (forall (?t - thing) (not (seen ?t))) (> (level) 5))", 0, ""),
+        ("(and (not (= a b)) (> (level) 5))", seconds(15), "gauge"),
+        ("(> (level) 20)", seconds(10), "gauge"),
+        ("(busy)", None, None),
+        ("(and (busy) (= a b))", None, None),
+        ("(= a b)", None, None),
+    ],
+)
+def test_explain_says_since_when(tank, condition, since, client):
+    """V6: the truth of a condition may turn by the clock, and by objects that do not decide it any more."""
+    explanation = tank.explain(condition)
+    assert explanation.since == (None if since is None else START + since)
+    assert (explanation.transaction.client if explanation.transaction else None) == client
+
+
+def test_explain_looks_behind_the_last_change_of_what_decides(tank, clock):
+    """V6: what was false before a number changed is false since then; that the change is of now does not matter."""
+    with tank.transaction(client="pump") as tx:
+        tx.add("(= (level) 2)")
+        assert tx.state().explain("(> (level) 5)").since == START + seconds(15)
+        tx.add("(= (level) 7)")
+        assert tx.state().explain("(> (level) 5)").since == START + seconds(30)
+    clock.set(START + seconds(40))
+    tank.add("(= (level) 3)", client="leak")
+    clock.set(START + seconds(5000))
+    tank.add("(= (level) 2)", client="leak")
+    assert tank.explain("(> (level) 5)").since == START + seconds(40)
+    assert tank.explain("(> (level) 5)", at=START + seconds(35)).since == START + seconds(30)
+    assert tank.explain("(exists (?t - thing) (seen ?t))").since == START + seconds(20)
+
+
 # -- V7 -----------------------------------------------------------------------------------------------------------
 
 
