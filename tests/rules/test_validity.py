@@ -5,7 +5,7 @@ import hashlib
 import pytest
 
 import kbstore
-from kbstore import Fact, Function, Inequality, Instance, seconds
+from kbstore import Fact, Function, Inequality, Instance, UpdateType, seconds
 from tests.conftest import DOMAIN, OBJECTS, START
 from tests.rules.reading import facts, instances, picture, scheduled
 
@@ -278,6 +278,16 @@ def test_text_that_is_no_item_is_refused(kb, text):
     """D1: with a typed error."""
     with pytest.raises(kbstore.KbStoreError):
         kb.add(text)
+
+
+@pytest.mark.parametrize("kind", [6, -1, "add", None])
+def test_a_kind_of_update_that_there_is_not_is_refused(kb, kind):
+    """D1, C1: as a violation beside the others, with the kinds that there are; nothing is stored."""
+    before = picture(kb)
+    with pytest.raises(kbstore.InvalidKnowledge, match="REMOVE_METRIC 5") as refusal:
+        kb.update([(UpdateType.ADD_KNOWLEDGE, "(raining)"), (kind, "(raining)"), (0, "(no_such_thing)")])
+    assert len(refusal.value.violations) == 2
+    assert picture(kb) == before
 
 
 @pytest.mark.parametrize("thing", [None, 3, 2.5, b"(raining)", object(), {}, {"knowledge_type": 9}, ["(raining)"]])
