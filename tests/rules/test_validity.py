@@ -199,6 +199,31 @@ BAD_NAMES = [
 ]
 
 
+@pytest.mark.parametrize("has_domain", [False, True])
+@pytest.mark.parametrize(
+    ("method", "first"),
+    [
+        ("add_goal", "(> (level Base) (+ (level Base) 1))"),
+        ("add_goal", "(or (wet Base) (forall (?p - object) (imply (wet ?p) (wet Base))))"),
+        ("add_goal", "(or (wet Base) (not (= Base Base)))"),
+        ("add_metric", "minimize (level Base)"),
+        ("add", "(<= (level Base) 3)"),
+        ("add", "(wet Base)"),
+    ],
+)
+def test_a_name_is_shown_as_it_was_first_written(bare, has_domain, method, first):
+    """D3: also where a goal or a metric was the first to speak of it, or the domain."""
+    if has_domain:
+        bare.load(
+            "(define (domain d) (:types place) (:constants Base - place)"
+            " (:predicates (wet ?p - place) (dry ?p - place)) (:functions (level ?p - place)))"
+        )
+    getattr(bare, method)(first)
+    bare.add("(dry base)", "(= (level BASE) 2)")
+    assert "(dry Base)" in facts(bare)
+    assert [str(item) for item in bare.functions()] == ["(= (level Base) 2)"]
+
+
 @pytest.mark.parametrize("name", BAD_NAMES)
 def test_names_that_cannot_be_read_back_are_refused(kb, bare, name):
     """D3: white space, brackets, quotes, `;`, a leading `?`, control characters, more than 255 characters."""
