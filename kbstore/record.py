@@ -172,7 +172,8 @@ class Explanation:
     """Why a fact or a condition is true, false or unknown.
 
     `reason` is one of: asserted, explicitly false, never told, removed, expired with its instance, undefined
-    function, or, of a condition, what its deciding `parts` come to. `transaction` made it so, at `since`.
+    function, expected at the end of an action that runs, or, of a condition, what its deciding `parts` come to.
+    `transaction` made it so, at `since`; of what is expected, it started the action.
     """
 
     subject: str

@@ -8,14 +8,15 @@ from kbstore.evaluation import conditions
 from kbstore.messages import KnowledgeType, Truth, format_number
 from kbstore.names import is_wildcard, key
 from kbstore.pddl.text import condition_text
+from kbstore.planning.projection import Event
 from kbstore.reading.course import since_when
 from kbstore.reading.history import History
 from kbstore.reading.questions import Question, as_condition
-from kbstore.reading.reader import Reader
+from kbstore.reading.reader import Place, Reader
 from kbstore.reading.state import State
 from kbstore.record import Explanation, Transaction
 from kbstore.storage.repository import Moment, Recorded, Repository
-from kbstore.timelines import EndCause, Role
+from kbstore.timelines import EndCause, Identity, Role
 from kbstore.vocabulary import Vocabulary
 
 _ENDED = {
@@ -56,8 +57,7 @@ class Explainer:
                 text = condition_text(condition)
                 return Explanation(text, truth, inner.reason, inner.since, inner.transaction, inner.parts)
             case logic.Defined(function):
-                found = self._row(repository, state, KnowledgeType.FUNCTION, function)
-                return self._of_row(repository, state, condition_text(condition), truth, found, "undefined function")
+                return self._told(repository, state, condition_text(condition), truth, KnowledgeType.FUNCTION, function)
             case logic.Comparison():
                 return self._comparison(repository, state, condition, truth)
             case logic.IsA():
@@ -77,8 +77,7 @@ class Explainer:
                 Truth.UNKNOWN: "not derivable from what is known",
             }[truth]
             return self._summary(repository, state, atom, truth, (), reason)
-        found = self._row(repository, state, KnowledgeType.FACT, atom)
-        return self._of_row(repository, state, str(atom), truth, found, "never told")
+        return self._told(repository, state, str(atom), truth, KnowledgeType.FACT, atom)
 
     def _comparison(
         self, repository: Repository, state: State, condition: logic.Comparison, truth: Truth
@@ -87,9 +86,8 @@ class Explainer:
         for function in dict.fromkeys(logic.atoms_of((*condition.left, *condition.right))):
             number = state.snapshot.number(key(function.name), tuple(map(key, function.arguments)))
             text = str(function) if number is None else f"(= {function} {format_number(number.at(state.at))})"
-            found = self._row(repository, state, KnowledgeType.FUNCTION, function)
             defined = Truth.of(number is not None)
-            parts.append(self._of_row(repository, state, text, defined, found, "undefined function"))
+            parts.append(self._told(repository, state, text, defined, KnowledgeType.FUNCTION, function))
         undefined = [part for part in parts if part.truth is Truth.FALSE]
         if truth is Truth.UNKNOWN:
             reason = "undefined function" if undefined else "divides by zero"
@@ -127,23 +125,47 @@ class Explainer:
         if state.belief is None and not is_constant:
             guess = state.at if since is None else since
             turned = since_when(self._reader, self._history, repository, condition, truth, state.at, guess=guess)
-            if turned not in (None, since):
-                since, transaction = turned, self._transaction_of(repository, turned) or transaction
+            if turned is not None and turned != since:
+                # what decides it now was told later where it was the same before
+                earlier = None if since is None or turned < since else transaction
+                since, transaction = turned, self._transaction_of(repository, turned) or earlier
         if not reason:
             made_up = "decided by its parts" if parts else "always so" if is_constant else "by all that it speaks of"
             reason = parts[0].reason if len(parts) == 1 else made_up
         return Explanation(condition_text(condition), truth, reason, since, transaction, tuple(parts))
 
     def _transaction_of(self, repository: Repository, t: int) -> Transaction | None:
-        """The transaction of a time; None if there was none."""
+        """The transaction of a time; None if there was none, or more than one."""
         number = repository.first_transaction_from(t)
-        found = None if number is None else self._history.transactions(repository, [number])[number]
-        return found if found is not None and found.time == t else None
+        if number is None:
+            return None
+        found = self._history.transactions(repository, [number, number + 1])
+        return found[number] if [number] == [n for n, one in found.items() if one.time == t] else None
 
     # -- rows -------------------------------------------------------------------------------------------------
 
-    def _row(self, repository: Repository, state: State, kind: KnowledgeType, atom: logic.Atom) -> Sequence[Recorded]:
-        return self._rows(repository, state, kind, " ".join(map(key, (atom.name, *atom.arguments))))
+    def _told(
+        self, repository: Repository, state: State, text: str, truth: Truth, kind: KnowledgeType, atom: logic.Atom
+    ) -> Explanation:
+        """Why a fact is what it is, or a function defined."""
+        name = " ".join(map(key, (atom.name, *atom.arguments)))
+        event = self._expected(repository, state, Identity(Role.STATE, kind, name))
+        if event is not None and event.run is not None:
+            action = f"({' '.join((event.run.operator, *event.run.arguments))})"
+            started = self._transaction_of(repository, event.run.started)
+            return Explanation(text, truth, f"expected at the end of {action}", event.time, started)
+        absent = "never told" if kind is KnowledgeType.FACT else "undefined function"
+        return self._of_row(repository, state, text, truth, self._rows(repository, state, kind, name), absent)
+
+    def _expected(self, repository: Repository, state: State, identity: Identity) -> Event | None:
+        """The last change of a timeline that is reckoned and not stored, for a time after the belief (rule O3)."""
+        head = repository.head()
+        belief = state.belief or Moment(self._reader.now(head))
+        if state.at <= belief.time or not self._reader.running(repository, belief, head):
+            return None
+        believed = self._reader.state(repository, Place(belief.time, belief, head, is_past_belief=True))
+        events = believed.projection().advance(state.at)
+        return next((event for event in reversed(list(events)) if event.timeline.identity == identity), None)
 
     def _rows(self, repository: Repository, state: State, kind: KnowledgeType, name: str) -> Sequence[Recorded]:
         """The latest rows of a timeline that begin by the state's time, as they were believed."""

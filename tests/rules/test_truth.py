@@ -203,7 +203,7 @@ def tank(open_kb, clock):
         ("(exists (?t - thing) (seen ?t))", seconds(20), "camera"),
         ("(seen ?)", seconds(20), "camera"),
         ("(forall (?t - thing) (not (seen ?t)))", seconds(20), "camera"),
-        ("(and (forall (?t - thing) (not (seen ?t))) (> (level) 5))", 0, ""),
+        ("(and (forall (?t - thing) (not (seen ?t))) (> (level) 5))", 0, None),
         ("(and (not (= a b)) (> (level) 5))", seconds(15), "gauge"),
         ("(> (level) 20)", seconds(10), "gauge"),
         ("(busy)", None, None),
@@ -232,6 +232,49 @@ def test_explain_looks_behind_the_last_change_of_what_decides(tank, clock):
     assert tank.explain("(> (level) 5)").since == START + seconds(40)
     assert tank.explain("(> (level) 5)", at=START + seconds(35)).since == START + seconds(30)
     assert tank.explain("(exists (?t - thing) (seen ?t))").since == START + seconds(20)
+
+
+DRYING = """
+(define (domain drying)
+  (:types sheet)
+  (:constants Linen - sheet)
+  (:predicates (dry ?s - sheet) (wet ?s - sheet) (hung ?s - sheet))
+  (:functions (water ?s - sheet))
+  (:durative-action hang
+    :parameters (?s - sheet)
+    :duration (= ?duration 10)
+    :effect (and (at start (hung ?s)) (at end (dry ?s)) (at end (not (wet ?s))) (at end (assign (water ?s) 1)))))
+"""
+
+
+def test_explain_names_the_action_that_is_expected_to_make_it_so(open_kb, clock):
+    """V6, O3: of what was told before the action ends nothing is the reason any more; what comes later is."""
+    kb = open_kb()
+    kb.load(DRYING)
+    told = kb.add("(wet linen)", "(= (water linen) 5)", client="laundry")
+    clock.set(START + seconds(1))
+    kb.start("hang", "Linen", client="maid")
+    end = START + seconds(11)
+    clock.set(START + seconds(2))
+    kb.add("(wet linen)", initial_time=end + seconds(9), client="forecast")
+
+    for text in ("(dry linen)", "(wet linen)", "(exists (?s - sheet) (dry ?s))", "(not (wet linen))"):
+        found = kb.explain(text, at=end)
+        assert (found.reason, found.since) == ("expected at the end of (hang Linen)", end), text
+        assert found.transaction.client == "maid"
+    found = kb.explain("(> (water linen) 3)", at=end)
+    assert (found.truth, found.since, found.transaction.client) == (Truth.FALSE, end, "maid")
+    assert kb.explain("(hung linen)", at=end).reason == "asserted"
+    assert "(dry Linen)" in facts(kb, end)
+    assert kb.explain("(wet linen)", at=end - 1).transaction.number == told.number
+    assert kb.explain("(dry linen)", at=end - 1).reason == "never told"
+    assert kb.explain("(wet linen)", at=end + seconds(9)).transaction.client == "forecast"
+    assert kb.explain("(dry linen)", at=end, as_of=told).reason == "never told"
+
+    clock.set(START + seconds(5))
+    kb.abort(kb.state().running[0])
+    assert kb.explain("(dry linen)", at=end).reason == "never told"
+    assert kb.explain("(dry linen)", at=end, as_of=START + seconds(4)).reason == "expected at the end of (hang Linen)"
 
 
 # -- V7 -----------------------------------------------------------------------------------------------------------
