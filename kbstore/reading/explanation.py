@@ -125,10 +125,12 @@ class Explainer:
         if state.belief is None and not is_constant:
             guess = state.at if since is None else since
             turned = since_when(self._reader, self._history, repository, condition, truth, state.at, guess=guess)
-            if turned is not None and turned != since:
-                # what decides it now was told later where it was the same before
-                earlier = None if since is None or turned < since else transaction
-                since, transaction = turned, self._transaction_of(repository, turned) or earlier
+            if turned is not None and since is not None and turned < since:
+                # what decides it now was told later; it was the same by what was told before
+                first = self._reader.state(repository, self._reader.place(repository, turned))
+                since, transaction = turned, self._condition(repository, first, condition).transaction
+            elif turned is not None and turned != since:
+                since, transaction = turned, self._transaction_of(repository, turned) or transaction
         if not reason:
             made_up = "decided by its parts" if parts else "always so" if is_constant else "by all that it speaks of"
             reason = parts[0].reason if len(parts) == 1 else made_up

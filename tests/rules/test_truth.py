@@ -203,7 +203,7 @@ def tank(open_kb, clock):
         ("(exists (?t - thing) (seen ?t))", seconds(20), "camera"),
         ("(seen ?)", seconds(20), "camera"),
         ("(forall (?t - thing) (not (seen ?t)))", seconds(20), "camera"),
-        ("(and (forall (?t - thing) (not (seen ?t))) (> (level) 5))", 0, None),
+        ("(and (forall (?t - thing) (not (seen ?t))) (> (level) 5))", 0, ""),
         ("(and (not (= a b)) (> (level) 5))", seconds(15), "gauge"),
         ("(> (level) 20)", seconds(10), "gauge"),
         ("(busy)", None, None),
@@ -229,7 +229,8 @@ def test_explain_looks_behind_the_last_change_of_what_decides(tank, clock):
     tank.add("(= (level) 3)", client="leak")
     clock.set(START + seconds(5000))
     tank.add("(= (level) 2)", client="leak")
-    assert tank.explain("(> (level) 5)").since == START + seconds(40)
+    found = tank.explain("(> (level) 5)")
+    assert (found.since, found.transaction.time) == (START + seconds(40), START + seconds(40))
     assert tank.explain("(> (level) 5)", at=START + seconds(35)).since == START + seconds(30)
     assert tank.explain("(exists (?t - thing) (seen ?t))").since == START + seconds(20)
 
