@@ -137,8 +137,8 @@ class QueryResult:
 class FailingCondition:
     """A condition of an operator that does not hold, and since when.
 
-    `since` is from when on it has been what it is, false or unknown. None where it always was, where it is a matter of
-    ``?duration``, and where that lies before the history that is kept.
+    `since` is from when on it has been what it is, false or unknown. None where nothing was ever said that would have
+    made it different, where it is a matter of ``?duration``, and where that lies before the history that is kept.
     """
 
     condition: str
