@@ -137,7 +137,8 @@ class QueryResult:
 class FailingCondition:
     """A condition of an operator that does not hold, and since when.
 
-    `since` is None where it never held, where nothing was said, and where that lies before the history that is kept.
+    `since` is from when on it has been what it is, false or unknown. None where nothing was ever said that would have
+    made it different, where it is a matter of ``?duration``, and where that lies before the history that is kept.
     """
 
     condition: str
@@ -171,7 +172,8 @@ class Explanation:
     """Why a fact or a condition is true, false or unknown.
 
     `reason` is one of: asserted, explicitly false, never told, removed, expired with its instance, undefined
-    function, or, of a condition, what its deciding `parts` come to. `transaction` made it so, at `since`.
+    function, expected at the end of an action that runs, or, of a condition, what its deciding `parts` come to.
+    `transaction` made it so, at `since`; of what is expected, it started the action.
     """
 
     subject: str

@@ -1,12 +1,13 @@
 """Problems as PDDL text, which reads back to an equal state (rules P2 and O4)."""
 
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Container, Iterable, Iterator, Sequence
 from typing import Protocol
 
 from kbstore.clock import SECOND
 from kbstore.domain import ROOT_TYPE, Domain
 from kbstore.messages import Expression, Fact, Function, Goal, Inequality, Instance, KnowledgeItem, format_number
+from kbstore.names import key
 from kbstore.names import problem as name_problem
 
 _NAMES_PER_LINE = 10
@@ -93,8 +94,9 @@ def write_problem(state: Writable, *, explicit_negatives: bool = False) -> str:
     """The planning problem as of a state.
 
     Numbers are exact and have no exponent. Timed knowledge, and the end effects of what runs, are timed-initial
-    literals and fluents in seconds from the state's time. What PDDL has no words for (rates, scheduled objects,
-    recorded inequalities) is written as comments; explicit negatives are left out unless asked for.
+    literals and fluents in seconds from the state's time. What PDDL has no words for (rates, scheduled objects and
+    what is to be said of them, recorded inequalities) is written as comments; explicit negatives are left out unless
+    asked for.
     """
     lines = [
         f"(define (problem {_problem_name(state.name)})",
@@ -152,14 +154,26 @@ def _functions(functions: Iterable[Function]) -> Iterator[str]:
 
 
 def _timed(state: Writable) -> Iterator[str]:
+    declared = _declared(state)
     for item in state.timed_knowledge:
-        yield from _timed_line(item, item.initial_time - state.at)
+        yield from _timed_line(item, item.initial_time - state.at, declared if state.domain else None)
+        if isinstance(item, Instance) and not item.is_negative:
+            name = key(item.instance_name)
+            if declared.get(name) != key(item.instance_type):
+                # from then on it is another object than the one that the problem declares
+                declared.pop(name, None)
 
 
-def _timed_line(item: KnowledgeItem, offset: int) -> Iterator[str]:
-    """A timed literal or fluent; what can be neither, as a comment."""
+def _declared(state: Writable) -> dict[str, str]:
+    """The types of the objects that the problem declares, and of constants; all as keys."""
+    types = {key(instance.instance_name): key(instance.instance_type) for instance in state.instances}
+    return types | (state.domain.constant_types if state.domain else {})
+
+
+def _timed_line(item: KnowledgeItem, offset: int, declared: Container[str] | None) -> Iterator[str]:
+    """A timed literal or fluent; what can be neither, as a comment. Without a domain, nothing has to be `declared`."""
     seconds = _seconds(max(0, offset))
-    if isinstance(item, Fact | Function):
+    if isinstance(item, Fact | Function) and (declared is None or all(key(a) in declared for a in item.arguments)):
         yield f"    (at {seconds} {item})"
         if isinstance(item, Function) and item.rate:
             yield f"    ; from then on, {item.atom} changes by {format_number(item.rate)} per second"
@@ -169,6 +183,7 @@ def _timed_line(item: KnowledgeItem, offset: int) -> Iterator[str]:
 
 def _running(state: Writable) -> Iterator[str]:
     """The end effects of each action that runs, after a comment that names it (rule O4)."""
+    declared = _declared(state) if state.domain else None
     for run in state.running:
         action = f"({' '.join((run.operator, *run.arguments))})"
         past, left = state.at - run.started, run.started + run.duration - state.at
@@ -176,7 +191,7 @@ def _running(state: Writable) -> Iterator[str]:
         yield f"    ; {action} has been running for {_seconds(max(0, past))} s, {end}"
         for time, item, owner in state.end_effects:
             if owner == run:
-                yield from _timed_line(item, time - state.at)
+                yield from _timed_line(item, time - state.at, declared)
 
 
 def _comments(label: str, items: Iterable[KnowledgeItem]) -> Iterator[str]:

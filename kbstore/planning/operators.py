@@ -1,6 +1,6 @@
 """Whether an operator can be applied (rule O1), and how long it takes (rule O3)."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from fractions import Fraction
 
 from kbstore.clock import SECOND, TIME_LIMIT
@@ -15,22 +15,30 @@ from kbstore.pddl.text import condition_text
 from kbstore.planning import effects
 from kbstore.planning.grounding import GroundAction, ground, with_objects
 
-__all__ = ["GroundAction", "applicability", "check_duration", "failing", "fixed_duration", "ground"]
+__all__ = ["Failing", "GroundAction", "applicability", "check_duration", "failing", "fixed_duration", "ground"]
+
+Failing = tuple[Condition, Truth]
+"""A condition that fails, and what it is where it was asked for: false, or unknown."""
 
 
 def failing(
     ground: GroundAction, moment: Moment, world: Interpretation, *, duration: float | None = None
-) -> list[Condition]:
-    """The conditions of a moment that are not true in the world: false, or unknown.
+) -> list[Failing]:
+    """The conditions of a moment that are not true in the world.
 
     Conjunctions are split, and parameters replaced by objects, so that each condition says what is missing.
     `duration`, in seconds, is the value of ``?duration``.
     """
+    judged = _judged(ground.conditions(moment), world, duration)
+    return [(condition, truth) for condition, truth in judged if truth is not Truth.TRUE]
+
+
+def _judged(conditions: Iterable[Condition], world: Interpretation, duration: float | None) -> list[Failing]:
     evaluation = Evaluation(world, duration=duration)
-    return [condition for condition in ground.conditions(moment) if evaluation.truth(condition) is not Truth.TRUE]
+    return [(condition, evaluation.truth(condition)) for condition in conditions]
 
 
-def applicability(ground: GroundAction, world: Interpretation, *, duration: float | None = None) -> list[Condition]:
+def applicability(ground: GroundAction, world: Interpretation, *, duration: float | None = None) -> list[Failing]:
     """Everything that keeps an operator from being applied or started in the world; empty if it can be (rule O1).
 
     The at-start conditions are evaluated on the world, the over-all conditions on the world after the at-start
@@ -39,7 +47,7 @@ def applicability(ground: GroundAction, world: Interpretation, *, duration: floa
 
     Raises `InvalidKnowledge` where no condition fails, but the effects conflict with each other or overflow.
     """
-    missing = _unbounded(ground, world)
+    missing = _judged(_unbounded(ground, world), world, duration)
     if missing and duration is None:
         return missing + _failing_without_duration(ground, world)
     if duration is None:
@@ -49,10 +57,10 @@ def applicability(ground: GroundAction, world: Interpretation, *, duration: floa
     try:
         lacking = effects.lacking(ground, Moment.AT_START, world, duration=duration)
         if lacking:
-            return found + lacking
+            return found + _judged(lacking, world, duration)
         after = effects.After(world, effects.evaluate(ground, Moment.AT_START, world, duration=duration))
         found += failing(ground, Moment.OVER_ALL, after, duration=duration)
-        found += effects.lacking(ground, Moment.OVER_ALL, after, duration=duration)
+        found += _judged(effects.lacking(ground, Moment.OVER_ALL, after, duration=duration), after, duration)
     except InvalidKnowledge:
         # effects may conflict just where a condition forbids them, for instance a swap of a thing with itself
         if not found:
@@ -113,17 +121,17 @@ def _unbounded(ground: GroundAction, world: Interpretation) -> list[Condition]:
     return missing
 
 
-def _failing_without_duration(ground: GroundAction, world: Interpretation) -> list[Condition]:
+def _failing_without_duration(ground: GroundAction, world: Interpretation) -> list[Failing]:
     """The at-start conditions that are not true where the fixed duration cannot be had."""
     evaluation = Evaluation(world)
-    found = []
+    found: list[Failing] = []
     for condition in ground.conditions(Moment.AT_START):
         try:
-            is_true = evaluation.truth(condition) is Truth.TRUE
+            truth = evaluation.truth(condition)
         except InvalidKnowledge:  # it reads ?duration
-            is_true = False
-        if not is_true:
-            found.append(condition)
+            truth = Truth.UNKNOWN
+        if truth is not Truth.TRUE:
+            found.append((condition, truth))
     return found
 
 

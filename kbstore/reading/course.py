@@ -7,16 +7,16 @@ from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
 
-from kbstore.clock import OPEN
+from kbstore.clock import OPEN, SECOND
 from kbstore.domain import Domain
-from kbstore.errors import UnknownSymbol
+from kbstore.errors import InvalidKnowledge, NotLinear, UnknownSymbol
 from kbstore.evaluation.interpretation import Arguments, Number, Span
 from kbstore.evaluation.intervals import Intervals, merged
 from kbstore.evaluation.snapshot import is_of
 from kbstore.evaluation.wellformed import check
 from kbstore.evaluation.when import intervals, unchecked_intervals
-from kbstore.logic import Condition
-from kbstore.messages import KnowledgeType
+from kbstore.logic import Condition, Not
+from kbstore.messages import KnowledgeType, Truth
 from kbstore.names import key
 from kbstore.planning.projection import Event
 from kbstore.reading.history import History
@@ -29,6 +29,9 @@ from kbstore.vocabulary import Vocabulary
 
 Piece = tuple[int, int, Value, int]
 """From when, until when, what, and the initial time of the assertion."""
+
+MINUTE = 60 * SECOND
+"""How far `since_when` looks back at first."""
 
 
 class StoredCourse:
@@ -188,20 +191,66 @@ def when_true(reader: Reader, history: History, condition: Question, first: int,
     Each version of the domain counts for its part of the span; a symbol must be known to one of them (rule D4), and
     says nothing where it is not.
     """
-    found: list[Span] = []
     with reader.repository() as repository:
-        place = reader.place(repository)
-        for asked in (first, max(first, last - 1)):
-            reader.refuse_archived(asked, place.head)
-        parts = list(_vocabularies(reader, repository, place, first, last))
-        formula = _formula(condition, [vocabulary for _, _, vocabulary in parts])
-        for start, end, vocabulary in parts:
-            course = StoredCourse(reader, history, repository, place, (start, end), vocabulary.domain)
-            try:
-                found += intervals(formula, course)
-            except UnknownSymbol:
-                found += unchecked_intervals(formula, course)
+        return _when_true(reader, history, repository, condition, first, last)
+
+
+def _when_true(
+    reader: Reader, history: History, repository: Repository, condition: Question, first: int, last: int
+) -> Intervals:
+    found: list[Span] = []
+    place = reader.place(repository)
+    for asked in (first, max(first, last - 1)):
+        reader.refuse_archived(asked, place.head)
+    parts = list(_vocabularies(reader, repository, place, first, last))
+    formula = _formula(condition, [vocabulary for _, _, vocabulary in parts])
+    for start, end, vocabulary in parts:
+        course = StoredCourse(reader, history, repository, place, (start, end), vocabulary.domain)
+        try:
+            found += intervals(formula, course)
+        except UnknownSymbol:
+            found += unchecked_intervals(formula, course)
     return merged(found)
+
+
+def since_when(
+    reader: Reader, history: History, repository: Repository, condition: Condition, truth: Truth, at: int, *, guess: int
+) -> int | None:
+    """Since when a condition has been without interruption what it is at a time.
+
+    None where that is as long as history is kept, or where it cannot be told (rule Q4, `NotLinear`). A `guess` that is
+    not too early saves time: history is read from there, and from ever earlier times where that is too late.
+    """
+    begin = repository.head().history_from
+    length = max(at - guess, MINUTE)
+    while True:
+        first = max(begin, at - length)
+        try:
+            since = _since_within(reader, history, repository, condition, truth, (first, at + 1))
+        except (NotLinear, InvalidKnowledge):
+            return None
+        if since > first:
+            return since
+        if first == begin:
+            return None
+        length *= 32
+
+
+def _since_within(
+    reader: Reader, history: History, repository: Repository, condition: Condition, truth: Truth, span: Span
+) -> int:
+    """Since when a condition has been what it is at the end of a span, at the earliest since the span's start."""
+    first, at = span[0], span[1] - 1
+
+    def true_in(condition: Condition) -> Intervals:
+        return _when_true(reader, history, repository, condition, *span)
+
+    if truth is Truth.UNKNOWN:
+        known = [*true_in(condition), *true_in(Not(condition))]
+        return min(max((end for _, end in known), default=first), at)
+    same = true_in(condition if truth is Truth.TRUE else Not(condition))
+    # an open transaction may have changed it just now
+    return same[-1][0] if same and same[-1][1] > at else at
 
 
 def _formula(condition: Question, vocabularies: Sequence[Vocabulary]) -> Condition:

@@ -8,13 +8,15 @@ from kbstore.evaluation import conditions
 from kbstore.messages import KnowledgeType, Truth, format_number
 from kbstore.names import is_wildcard, key
 from kbstore.pddl.text import condition_text
+from kbstore.planning.projection import Event
+from kbstore.reading.course import since_when
 from kbstore.reading.history import History
 from kbstore.reading.questions import Question, as_condition
-from kbstore.reading.reader import Reader
+from kbstore.reading.reader import Place, Reader
 from kbstore.reading.state import State
-from kbstore.record import Explanation
+from kbstore.record import Explanation, Transaction
 from kbstore.storage.repository import Moment, Recorded, Repository
-from kbstore.timelines import EndCause, Role
+from kbstore.timelines import EndCause, Identity, Role
 from kbstore.vocabulary import Vocabulary
 
 _ENDED = {
@@ -55,8 +57,7 @@ class Explainer:
                 text = condition_text(condition)
                 return Explanation(text, truth, inner.reason, inner.since, inner.transaction, inner.parts)
             case logic.Defined(function):
-                found = self._row(repository, state, KnowledgeType.FUNCTION, function)
-                return self._of_row(repository, state, condition_text(condition), truth, found, "undefined function")
+                return self._told(repository, state, condition_text(condition), truth, KnowledgeType.FUNCTION, function)
             case logic.Comparison():
                 return self._comparison(repository, state, condition, truth)
             case logic.IsA():
@@ -66,7 +67,7 @@ class Explainer:
             for part, _ in conditions.deciding(condition, state.snapshot)
             if part != condition
         ]
-        return _summary(condition_text(condition), truth, parts)
+        return self._summary(repository, state, condition, truth, parts)
 
     def _atom(self, repository: Repository, state: State, atom: logic.Atom, truth: Truth) -> Explanation:
         if state.domain is not None and state.domain.is_derived(atom.name):
@@ -75,9 +76,8 @@ class Explainer:
                 Truth.FALSE: "not derivable by the domain's rules",
                 Truth.UNKNOWN: "not derivable from what is known",
             }[truth]
-            return Explanation(str(atom), truth, reason)
-        found = self._row(repository, state, KnowledgeType.FACT, atom)
-        return self._of_row(repository, state, str(atom), truth, found, "never told")
+            return self._summary(repository, state, atom, truth, (), reason)
+        return self._told(repository, state, str(atom), truth, KnowledgeType.FACT, atom)
 
     def _comparison(
         self, repository: Repository, state: State, condition: logic.Comparison, truth: Truth
@@ -86,14 +86,13 @@ class Explainer:
         for function in dict.fromkeys(logic.atoms_of((*condition.left, *condition.right))):
             number = state.snapshot.number(key(function.name), tuple(map(key, function.arguments)))
             text = str(function) if number is None else f"(= {function} {format_number(number.at(state.at))})"
-            found = self._row(repository, state, KnowledgeType.FUNCTION, function)
             defined = Truth.of(number is not None)
-            parts.append(self._of_row(repository, state, text, defined, found, "undefined function"))
+            parts.append(self._told(repository, state, text, defined, KnowledgeType.FUNCTION, function))
         undefined = [part for part in parts if part.truth is Truth.FALSE]
         if truth is Truth.UNKNOWN:
             reason = "undefined function" if undefined else "divides by zero"
-            return _summary(condition_text(condition), truth, undefined or parts, reason)
-        return _summary(condition_text(condition), truth, parts, "by the values of its functions")
+            return self._summary(repository, state, condition, truth, undefined or parts, reason)
+        return self._summary(repository, state, condition, truth, parts, "by the values of its functions")
 
     def _object(self, repository: Repository, state: State, condition: logic.IsA, truth: Truth) -> Explanation:
         text = condition_text(condition)
@@ -106,10 +105,69 @@ class Explainer:
             return Explanation(text, truth, reason, found.since, found.transaction)
         return found
 
+    def _summary(
+        self,
+        repository: Repository,
+        state: State,
+        condition: logic.Condition,
+        truth: Truth,
+        parts: Sequence[Explanation],
+        reason: str = "",
+    ) -> Explanation:
+        """What the parts that decide a condition come to.
+
+        It is as it is since the latest of them, unless it was the same before that, or became so later: numbers move
+        by the clock, and a quantifier speaks of objects that come and go.
+        """
+        since = max((part.since for part in parts if part.since is not None), default=None)
+        transaction = next((part.transaction for part in parts if part.since == since and since is not None), None)
+        is_constant = isinstance(condition, logic.Same | logic.Truism)
+        if state.belief is None and not is_constant:
+            guess = state.at if since is None else since
+            turned = since_when(self._reader, self._history, repository, condition, truth, state.at, guess=guess)
+            if turned is not None and since is not None and turned < since:
+                # what decides it now was told later; it was the same by what was told before
+                first = self._reader.state(repository, self._reader.place(repository, turned))
+                since, transaction = turned, self._condition(repository, first, condition).transaction
+            elif turned is not None and turned != since:
+                since, transaction = turned, self._transaction_of(repository, turned) or transaction
+        if not reason:
+            made_up = "decided by its parts" if parts else "always so" if is_constant else "by all that it speaks of"
+            reason = parts[0].reason if len(parts) == 1 else made_up
+        return Explanation(condition_text(condition), truth, reason, since, transaction, tuple(parts))
+
+    def _transaction_of(self, repository: Repository, t: int) -> Transaction | None:
+        """The transaction of a time; None if there was none, or more than one."""
+        number = repository.first_transaction_from(t)
+        if number is None:
+            return None
+        found = self._history.transactions(repository, [number, number + 1])
+        return found[number] if [number] == [n for n, one in found.items() if one.time == t] else None
+
     # -- rows -------------------------------------------------------------------------------------------------
 
-    def _row(self, repository: Repository, state: State, kind: KnowledgeType, atom: logic.Atom) -> Sequence[Recorded]:
-        return self._rows(repository, state, kind, " ".join(map(key, (atom.name, *atom.arguments))))
+    def _told(
+        self, repository: Repository, state: State, text: str, truth: Truth, kind: KnowledgeType, atom: logic.Atom
+    ) -> Explanation:
+        """Why a fact is what it is, or a function defined."""
+        name = " ".join(map(key, (atom.name, *atom.arguments)))
+        event = self._expected(repository, state, Identity(Role.STATE, kind, name))
+        if event is not None and event.run is not None:
+            action = f"({' '.join((event.run.operator, *event.run.arguments))})"
+            started = self._transaction_of(repository, event.run.started)
+            return Explanation(text, truth, f"expected at the end of {action}", event.time, started)
+        absent = "never told" if kind is KnowledgeType.FACT else "undefined function"
+        return self._of_row(repository, state, text, truth, self._rows(repository, state, kind, name), absent)
+
+    def _expected(self, repository: Repository, state: State, identity: Identity) -> Event | None:
+        """The last change of a timeline that is reckoned and not stored, for a time after the belief (rule O3)."""
+        head = repository.head()
+        belief = state.belief or Moment(self._reader.now(head))
+        if state.at <= belief.time or not self._reader.running(repository, belief, head):
+            return None
+        believed = self._reader.state(repository, Place(belief.time, belief, head, is_past_belief=True))
+        events = believed.projection().advance(state.at)
+        return next((event for event in reversed(list(events)) if event.timeline.identity == identity), None)
 
     def _rows(self, repository: Repository, state: State, kind: KnowledgeType, name: str) -> Sequence[Recorded]:
         """The latest rows of a timeline that begin by the state's time, as they were believed."""
@@ -166,11 +224,3 @@ class Explainer:
                 reason = f"undefined function: {reason}"
         transactions = self._history.transactions(repository, [] if number is None else [number])
         return Explanation(text, truth, reason, since, transactions.get(number or 0))
-
-
-def _summary(text: str, truth: Truth, parts: Sequence[Explanation], reason: str = "") -> Explanation:
-    """A condition is as it is since the latest of the parts that decide it."""
-    since = max((part.since for part in parts if part.since is not None), default=None)
-    last = next((part for part in parts if part.since == since and since is not None), None)
-    reason = reason or (parts[0].reason if len(parts) == 1 else "decided by its parts" if parts else "always so")
-    return Explanation(text, truth, reason, since, last.transaction if last else None, tuple(parts))

@@ -7,6 +7,7 @@ from kbstore.messages import (
     ComparisonType,
     Condition,
     DomainInequality,
+    ExprComposite,
     Expression,
     Fact,
     Function,
@@ -61,14 +62,12 @@ class ItemReader:
             case KnowledgeType.EXPRESSION:
                 if not value[1]:
                     return Condition(text=value[2], initial_time=initial_time)
-                return Expression(
-                    initial_time=initial_time, optimization=value[1], expr=to_composite(parse_expression(value[2]))
-                )
+                return Expression(initial_time=initial_time, optimization=value[1], expr=self._composite(value[2]))
             case KnowledgeType.INEQUALITY:
                 inequality = DomainInequality(
                     comparison_type=ComparisonType(value[1]),
-                    LHS=to_composite(parse_expression(value[2])),
-                    RHS=to_composite(parse_expression(value[3])),
+                    LHS=self._composite(value[2]),
+                    RHS=self._composite(value[3]),
                     grounded=bool(value[4]),
                 )
                 return Inequality(initial_time=initial_time, is_negative=bool(value[0]), ineq=inequality)
@@ -76,6 +75,9 @@ class ItemReader:
     def items(self, rows: Iterable[tuple[Timeline, int, Value]], t: int) -> list[KnowledgeItem | Condition]:
         """The items that stand, in order of their initial times."""
         return [self.item(*row, t) for row in sorted(rows, key=_order)]
+
+    def _composite(self, text: str) -> ExprComposite:
+        return to_composite(parse_expression(text), self._vocabulary.domain)
 
     def _labels(self, timeline: Timeline) -> "tuple[str, ...]":
         return self._vocabulary.labels(timeline.kind, timeline.keys[0], len(timeline.arguments))  # type: ignore[return-value]

@@ -67,12 +67,17 @@ class Checks:
         return None
 
     def objects(self, atom: str, arguments: Sequence[str], types: Iterable[tuple[str, ...]], t: int) -> Iterator[str]:
-        """What is wrong with the arguments of an atom at a time: names, existence, types."""
+        """What is wrong with the arguments of an atom at a time: names, existence, types.
+
+        A name that the knowledge base does not know is spelled from then on as it is here (rule D3).
+        """
         for argument, allowed in zip(arguments, types, strict=True):
             wrong = names.problem(argument)
             if wrong:
                 yield f"{atom:.200}: the name {argument!r:.60} {wrong}"
-            elif self._domain is not None:
+                continue
+            self.object_track(argument)
+            if self._domain is not None:
                 type_name = self.type_at(argument, t)
                 if type_name is None:
                     missing = "does not exist" + ("" if t <= self._draft.now else f" at {isoformat(t)}")

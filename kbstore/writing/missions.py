@@ -15,6 +15,7 @@ from kbstore.pddl.text import condition_text
 from kbstore.planning import effects, operators
 from kbstore.planning.effects import Effects
 from kbstore.planning.grounding import GroundAction, ground
+from kbstore.planning.operators import Failing
 from kbstore.planning.projection import Running
 from kbstore.reading.state import State
 from kbstore.record import Applicability, FailingCondition, Run
@@ -205,16 +206,22 @@ def applicability(
     return _explained(state, operators.applicability(action, state.snapshot, duration=duration))
 
 
-def _explained(state: State, failing: Sequence[Condition]) -> Applicability:
-    found = []
-    for condition in failing:
-        try:
-            since = state.explain(condition).since
-        except HistoryUnavailable:
-            # it has failed for longer than history is kept
-            since = None
-        found.append(FailingCondition(condition_text(condition), since, state.truth(condition)))
-    return Applicability(found)
+def _explained(state: State, failing: Sequence[Failing]) -> Applicability:
+    return Applicability([FailingCondition(condition_text(c), _since(state, c), truth) for c, truth in failing])
+
+
+def _since(state: State, condition: Condition) -> int | None:
+    try:
+        if state.holds(condition):
+            # the at-start effects of the action itself are what an over-all condition fails by
+            return state.at
+        return state.explain(condition).since
+    except HistoryUnavailable:
+        # it has failed for longer than history is kept
+        return None
+    except InvalidKnowledge:
+        # it reads ?duration, and is no matter of the state alone
+        return None
 
 
 def _grounded(state: State, operator: str, arguments: Sequence[str]) -> GroundAction:

@@ -35,7 +35,7 @@ from kbstore.writing.fitting import misfits
 from kbstore.writing.missions import Mission
 from kbstore.writing.preloading import Wanted
 from kbstore.writing.recorder import Recorder
-from kbstore.writing.updates import GOAL_UPDATES, Update, failing, items_of, problem_updates
+from kbstore.writing.updates import GOAL_UPDATES, Update, failing, items_of, problem_updates, update_type
 
 TOLERANCE = 1_000_000_000
 """How far a clock may be behind the latest recorded time, in nanoseconds (rule T3)."""
@@ -220,19 +220,20 @@ class OpenTransaction:
         """Do several updates, in order, all or none."""
         t = _time(initial_time)
         with without_collection():
-            self._apply(self._preloaded([(UpdateType(kind), item) for kind, item in updates], t))
+            self._apply(self._preloaded(updates, t))
 
     def clear(self) -> None:
         """End everything that stands, cancel everything scheduled, abort what runs (rule C12)."""
         self._editor.clear()
         self._mission.abort_all()
 
-    def _preloaded(self, updates: Sequence[tuple[UpdateType, object]], t: int) -> Iterable[Update]:
+    def _preloaded(self, updates: Iterable[tuple[UpdateType | int, object]], t: int) -> Iterable[Update]:
         """The updates as what does them; the timelines that they touch are read at once."""
         read: list[Update] = []
         wanted = Wanted()
-        for kind, knowledge in updates:
+        for number, knowledge in updates:
             try:
+                kind = update_type(number)
                 items = items_of(kind, knowledge, self._vocabulary)
             except KbStoreError as error:
                 read.append(failing(knowledge, error))

@@ -16,13 +16,22 @@ Update = Callable[[], Sequence[str]]
 """Does one update to the draft; returns its violations."""
 
 
+def update_type(kind: UpdateType | int) -> UpdateType:
+    """The kind of an update, also by its number. Raises `InvalidKnowledge` where there is none of that number."""
+    try:
+        return UpdateType(kind)
+    except ValueError:
+        kinds = ", ".join(f"{known.name} {known.value}" for known in UpdateType)
+        raise InvalidKnowledge(f"{kind!r:.80} is no kind of update; it is one of {kinds}") from None
+
+
 def items_of(kind: UpdateType, knowledge: object, vocabulary: Vocabulary) -> Sequence[KnowledgeItem | Condition]:
     """The items that are meant by what was given; of a goal that is a conjunction, its parts (rule C10)."""
     return _goals(knowledge, vocabulary) if kind in GOAL_UPDATES else [as_item(knowledge, vocabulary)]
 
 
 def _goals(knowledge: object, vocabulary: Vocabulary) -> Sequence[Goal]:
-    if isinstance(knowledge, Fact | Inequality):
+    if isinstance(knowledge, Fact):
         return [knowledge]
     initial_time = 0
     if isinstance(knowledge, Condition):

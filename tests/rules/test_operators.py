@@ -91,6 +91,18 @@ def test_each_condition_that_fails_is_named_with_since_when(depot, clock):
     assert (near, battery) == (START + 10, START + 10)
 
 
+def test_a_number_that_moves_fails_since_it_crossed(depot, clock):
+    """O1: not since it began to move; a second change for the worse does not make it later."""
+    depot.add("(increase (battery kenny) (* #t -2))")
+    clock.set(START + seconds(36))
+    (failing,) = depot.applicable(*ROUTE).failing
+    # 80 - 2 * 35 = 10, which is enough
+    assert (failing.condition, failing.since) == ("(>= (battery kenny) 10)", START + seconds(35) + 1)
+    depot.add("(= (battery kenny) 3)")
+    (failing,) = depot.applicable(*ROUTE).failing
+    assert failing.since == START + seconds(35) + 1
+
+
 def test_applicability_can_be_asked_at_any_time(depot, clock):
     """O1: on the state at t."""
     clock.set(START + 10)
@@ -104,6 +116,47 @@ def test_an_unknown_condition_fails(open_depot):
     open_depot.remove("(ready kenny)")
     answer = open_depot.applicable(*ROUTE)
     assert [condition.truth for condition in answer.failing] == [Truth.UNKNOWN]
+
+
+INVARIANTS = """
+(define (domain invariants)
+  (:predicates (open) (sealed) (spare))
+  (:functions (level))
+  (:durative-action drain :parameters () :duration (= ?duration 3)
+    :condition (and (over all (open)) (over all (not (sealed))) (over all (> (level) 3)) (over all (or (open) (spare))))
+    :effect (and (at start (not (open))) (at start (sealed)) (at start (decrease (level) 5))))
+  (:durative-action idle :parameters () :duration (= ?duration 2)
+    :condition (and (at start (open)) (at start (>= ?duration 30))))
+  (:durative-action rest :parameters () :duration (>= ?duration 2)
+    :condition (and (at start (open)) (over all (>= ?duration 30)))))
+"""
+
+
+@pytest.mark.parametrize("use_unknowns", [False, True])
+def test_an_invariant_that_the_action_itself_breaks_is_named_as_it_would_be(open_kb, clock, use_unknowns):
+    """O1: over-all conditions are those of the state after the at-start effects; they fail from the start on."""
+    kb = open_kb(use_unknowns=use_unknowns)
+    kb.load(INVARIANTS)
+    kb.add("(open)", "(not (sealed))", "(= (level) 5)")
+    clock.set(START + 10)
+    either = Truth.UNKNOWN if use_unknowns else Truth.FALSE
+    assert [(found.condition, found.truth, found.since) for found in kb.applicable("drain").failing] == [
+        ("(open)", Truth.FALSE, START + 10),
+        ("(not (sealed))", Truth.FALSE, START + 10),
+        ("(> (level) 3)", Truth.FALSE, START + 10),
+        ("(or (open) (spare))", either, START + 10),
+    ]
+
+
+def test_a_condition_on_the_duration_fails_as_any_other(open_kb):
+    """O1, O3: it is `NotApplicable`, and named; the state says nothing of since when."""
+    kb = open_kb()
+    kb.load(INVARIANTS)
+    kb.add("(open)")
+    assert [(found.condition, found.since) for found in kb.applicable("idle").failing] == [("(>= ?duration 30)", None)]
+    with pytest.raises(kbstore.NotApplicable, match="duration 30"):
+        kb.start("rest", duration=seconds(10))
+    assert kb.start("rest", duration=seconds(30))
 
 
 @pytest.mark.parametrize("call", [("fly", "kenny"), ("goto", "kenny", "wp0"), ("goto", "wp0", "wp0", "wp1")])

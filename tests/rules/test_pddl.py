@@ -137,6 +137,25 @@ def test_what_pddl_has_no_words_for_is_a_comment(kb):
         assert any(said in line for line in comments), said
 
 
+def test_what_is_scheduled_of_an_object_that_is_not_there_yet_is_a_comment(kb, open_kb):
+    """P2: the problem would name an object that it cannot declare, and could not be read back."""
+    with kb.transaction() as tx:
+        tx.add("wp9 - place", initial_time=START + seconds(5))
+        tx.add("(near kenny wp9)", initial_time=START + seconds(6))
+        tx.add("(near kenny wp0)", initial_time=START + seconds(7))
+        # an object of this name and another type comes after it
+        tx.add("(not (wp1 - place))", initial_time=START + seconds(8))
+        tx.add("wp1 - robot", initial_time=START + seconds(9))
+        tx.add("(near wp1 wp0)", initial_time=START + seconds(10))
+    text = kb.to_pddl()
+    for comment in ("at 6, which PDDL cannot say: (near kenny wp9)", "at 10, which PDDL cannot say: (near wp1 wp0)"):
+        assert f"; {comment}\n" in text
+    other = open_kb()
+    other.load(DOMAIN, text)
+    assert scheduled(other) == [(START + seconds(7), "(near kenny wp0)")]
+    assert "(at 1 (near kenny wp9))" in kb.to_pddl(at=START + seconds(5))
+
+
 def test_a_problem_as_it_was_believed(kb, clock):
     """P2, Q2: `as_of`."""
     kb.add("(open wp0)", initial_time=START + seconds(60))

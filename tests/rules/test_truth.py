@@ -168,6 +168,116 @@ def test_explain_names_an_undefined_function(kb):
     assert "undefined" in str(kb.explain("(> (battery kenny) 1)")).lower()
 
 
+MOVING = """
+(define (domain moving)
+  (:types thing)
+  (:predicates (seen ?t - thing) (low) (busy))
+  (:functions (level))
+  (:derived (low) (< (level) 4)))
+"""
+
+
+@pytest.fixture
+def tank(open_kb, clock):
+    """A level that falls from 10 by 1 a second from START + 10 s on; a and b, of which a is seen until START + 20 s."""
+    kb = open_kb()
+    kb.load(MOVING)
+    kb.add("a - thing", "b - thing", "(seen a)")
+    clock.set(START + seconds(10))
+    kb.add("(= (level) 10)", "(increase (level) (* #t -1))", client="gauge")
+    clock.set(START + seconds(20))
+    kb.remove("(seen a)", client="camera")
+    clock.set(START + seconds(30))
+    return kb
+
+
+@pytest.mark.parametrize(
+    ("condition", "since", "client"),
+    [
+        # the level is 5 at 15 s, and 4 at 16 s
+        ("(> (level) 5)", seconds(15), "gauge"),
+        ("(<= (level) 5)", seconds(15), "gauge"),
+        ("(not (> (level) 5))", seconds(15), "gauge"),
+        ("(or (busy) (> (level) 5))", seconds(15), "gauge"),
+        ("(low)", seconds(16) + 1, None),
+        ("(exists (?t - thing) (seen ?t))", seconds(20), "camera"),
+        ("(seen ?)", seconds(20), "camera"),
+        ("(forall (?t - thing) (not (seen ?t)))", seconds(20), "camera"),
+        ("(and (forall (?t - thing) (not (seen ?t))) (> (level) 5))", 0, ""),
+        ("(and (not (= a b)) (> (level) 5))", seconds(15), "gauge"),
+        ("(> (level) 20)", seconds(10), "gauge"),
+        ("(busy)", None, None),
+        ("(and (busy) (= a b))", None, None),
+        ("(= a b)", None, None),
+    ],
+)
+def test_explain_says_since_when(tank, condition, since, client):
+    """V6: the truth of a condition may turn by the clock, and by objects that do not decide it any more."""
+    explanation = tank.explain(condition)
+    assert explanation.since == (None if since is None else START + since)
+    assert (explanation.transaction.client if explanation.transaction else None) == client
+
+
+def test_explain_looks_behind_the_last_change_of_what_decides(tank, clock):
+    """V6: what was false before a number changed is false since then; that the change is of now does not matter."""
+    with tank.transaction(client="pump") as tx:
+        tx.add("(= (level) 2)")
+        assert tx.state().explain("(> (level) 5)").since == START + seconds(15)
+        tx.add("(= (level) 7)")
+        assert tx.state().explain("(> (level) 5)").since == START + seconds(30)
+    clock.set(START + seconds(40))
+    tank.add("(= (level) 3)", client="leak")
+    clock.set(START + seconds(5000))
+    tank.add("(= (level) 2)", client="leak")
+    found = tank.explain("(> (level) 5)")
+    assert (found.since, found.transaction.time) == (START + seconds(40), START + seconds(40))
+    assert tank.explain("(> (level) 5)", at=START + seconds(35)).since == START + seconds(30)
+    assert tank.explain("(exists (?t - thing) (seen ?t))").since == START + seconds(20)
+
+
+DRYING = """
+(define (domain drying)
+  (:types sheet)
+  (:constants Linen - sheet)
+  (:predicates (dry ?s - sheet) (wet ?s - sheet) (hung ?s - sheet))
+  (:functions (water ?s - sheet))
+  (:durative-action hang
+    :parameters (?s - sheet)
+    :duration (= ?duration 10)
+    :effect (and (at start (hung ?s)) (at end (dry ?s)) (at end (not (wet ?s))) (at end (assign (water ?s) 1)))))
+"""
+
+
+def test_explain_names_the_action_that_is_expected_to_make_it_so(open_kb, clock):
+    """V6, O3: of what was told before the action ends nothing is the reason any more; what comes later is."""
+    kb = open_kb()
+    kb.load(DRYING)
+    told = kb.add("(wet linen)", "(= (water linen) 5)", client="laundry")
+    clock.set(START + seconds(1))
+    kb.start("hang", "Linen", client="maid")
+    end = START + seconds(11)
+    clock.set(START + seconds(2))
+    kb.add("(wet linen)", initial_time=end + seconds(9), client="forecast")
+
+    for text in ("(dry linen)", "(wet linen)", "(exists (?s - sheet) (dry ?s))", "(not (wet linen))"):
+        found = kb.explain(text, at=end)
+        assert (found.reason, found.since) == ("expected at the end of (hang Linen)", end), text
+        assert found.transaction.client == "maid"
+    found = kb.explain("(> (water linen) 3)", at=end)
+    assert (found.truth, found.since, found.transaction.client) == (Truth.FALSE, end, "maid")
+    assert kb.explain("(hung linen)", at=end).reason == "asserted"
+    assert "(dry Linen)" in facts(kb, end)
+    assert kb.explain("(wet linen)", at=end - 1).transaction.number == told.number
+    assert kb.explain("(dry linen)", at=end - 1).reason == "never told"
+    assert kb.explain("(wet linen)", at=end + seconds(9)).transaction.client == "forecast"
+    assert kb.explain("(dry linen)", at=end, as_of=told).reason == "never told"
+
+    clock.set(START + seconds(5))
+    kb.abort(kb.state().running[0])
+    assert kb.explain("(dry linen)", at=end).reason == "never told"
+    assert kb.explain("(dry linen)", at=end, as_of=START + seconds(4)).reason == "expected at the end of (hang Linen)"
+
+
 # -- V7 -----------------------------------------------------------------------------------------------------------
 
 

@@ -5,7 +5,7 @@ import hashlib
 import pytest
 
 import kbstore
-from kbstore import Fact, Function, Inequality, Instance, seconds
+from kbstore import Expression, Fact, Function, Inequality, Instance, Truth, UpdateType, seconds
 from tests.conftest import DOMAIN, OBJECTS, START
 from tests.rules.reading import facts, instances, picture, scheduled
 
@@ -84,6 +84,80 @@ def test_unknown_or_missing_labels_are_refused(kb, values):
     with pytest.raises(kbstore.InvalidKnowledge, match="near"):
         kb.add(near(**values))
     assert facts(kb) == []
+
+
+def away(**values):
+    """The token of a message's expression that reads the distance."""
+    parameters = [{"key": label, "value": name} for label, name in values.items()]
+    return {"expr_type": 1, "function": {"name": "distance", "typed_parameters": parameters}}
+
+
+def compared(comparison, constant, **values):
+    """A message that compares the distance with a number."""
+    right = {"tokens": [{"expr_type": 0, "constant": constant}]}
+    return {
+        "knowledge_type": 4,
+        "ineq": {"comparison_type": comparison, "LHS": {"tokens": [away(**values)]}, "RHS": right, "grounded": True},
+    }
+
+
+def measured(**values):
+    """A message with a metric that is the distance."""
+    return {"knowledge_type": 3, "optimization": "minimize", "expr": {"tokens": [away(**values)]}}
+
+
+@pytest.fixture
+def walks(kb):
+    """From wp0 it is 7 to wp1, which is 9 back."""
+    kb.add("(= (distance wp0 wp1) 7)", "(= (distance wp1 wp0) 9)")
+    return kb
+
+
+@pytest.mark.parametrize("values", [{"from": "wp0", "to": "wp1"}, {"to": "wp1", "from": "wp0"}])
+def test_labels_in_expressions_may_come_in_any_order(walks, values):
+    """D1: of the functions that an inequality or a metric reads, in questions and in what is kept."""
+    seven = compared(4, 7.0, **values)
+    assert walks.truth(seven) is Truth.TRUE
+    assert walks.query(seven, Inequality.model_validate(seven)).results == [True, True]
+    assert walks.when(seven, START, START + 1) == [(START, START + 1)]
+    assert walks.value(measured(**values)) == walks.value(Expression.model_validate(measured(**values)).expr) == 7
+    walks.add_goal(seven)
+    walks.add_goal(Inequality.model_validate(seven))
+    walks.add(compared(1, 7.0, **values))
+    walks.add_metric(measured(**values))
+    assert [str(goal) for goal in walks.goals()] == ["(= (distance wp0 wp1) 7)"]
+    assert [str(item) for item in walks.state().inequalities] == ["(>= (distance wp0 wp1) 7)"]
+    assert str(walks.metric()) == "minimize (distance wp0 wp1)"
+    assert len(walks.history(compared(1, 7.0, **values))) == 1
+    assert str(kbstore.item(measured(**values), walks.domain)) == "minimize (distance wp0 wp1)"
+    assert walks.remove(compared(1, 7.0, **values)).changes == 1
+    assert walks.remove_goal(seven).changes == walks.remove_metric(measured(**values)).changes == 1
+
+
+@pytest.mark.parametrize("values", [{"from": "wp0", "via": "wp1"}, {"from": "wp0", "": "wp1"}])
+def test_labels_in_expressions_that_are_not_the_domains_are_refused(walks, values):
+    """D1: as those of facts and functions are; nothing is stored, and nothing answered."""
+    before = picture(walks)
+    for method in ("add", "remove", "add_goal", "remove_goal", "holds", "query"):
+        with pytest.raises(kbstore.InvalidKnowledge, match="from, to"):
+            getattr(walks, method)(compared(4, 7.0, **values))
+    for method in ("add_metric", "remove_metric", "value"):
+        with pytest.raises(kbstore.InvalidKnowledge, match="from, to"):
+            getattr(walks, method)(measured(**values))
+    assert picture(walks) == before
+
+
+def test_functions_in_expressions_have_the_domains_labels(walks):
+    """D1: in what comes out, as the arguments of facts and functions have."""
+    walks.add_goal("(> (distance wp0 wp1) 7)")
+    walks.add("(> (distance wp0 wp1) 7)")
+    walks.add_metric("minimize (distance wp0 wp1)")
+    state = walks.state()
+    for composite in (state.goals[0].ineq.LHS, state.inequalities[0].ineq.LHS, state.metric.expr):
+        assert [(p.key, p.value) for p in composite.tokens[0].function.typed_parameters] == [
+            ("from", "wp0"),
+            ("to", "wp1"),
+        ]
 
 
 def test_a_label_twice_is_refused(kb):
@@ -199,6 +273,31 @@ BAD_NAMES = [
 ]
 
 
+@pytest.mark.parametrize("has_domain", [False, True])
+@pytest.mark.parametrize(
+    ("method", "first"),
+    [
+        ("add_goal", "(> (level Base) (+ (level Base) 1))"),
+        ("add_goal", "(or (wet Base) (forall (?p - object) (imply (wet ?p) (wet Base))))"),
+        ("add_goal", "(or (wet Base) (not (= Base Base)))"),
+        ("add_metric", "minimize (level Base)"),
+        ("add", "(<= (level Base) 3)"),
+        ("add", "(wet Base)"),
+    ],
+)
+def test_a_name_is_shown_as_it_was_first_written(bare, has_domain, method, first):
+    """D3: also where a goal or a metric was the first to speak of it, or the domain."""
+    if has_domain:
+        bare.load(
+            "(define (domain d) (:types place) (:constants Base - place)"
+            " (:predicates (wet ?p - place) (dry ?p - place)) (:functions (level ?p - place)))"
+        )
+    getattr(bare, method)(first)
+    bare.add("(dry base)", "(= (level BASE) 2)")
+    assert "(dry Base)" in facts(bare)
+    assert [str(item) for item in bare.functions()] == ["(= (level Base) 2)"]
+
+
 @pytest.mark.parametrize("name", BAD_NAMES)
 def test_names_that_cannot_be_read_back_are_refused(kb, bare, name):
     """D3: white space, brackets, quotes, `;`, a leading `?`, control characters, more than 255 characters."""
@@ -278,6 +377,16 @@ def test_text_that_is_no_item_is_refused(kb, text):
     """D1: with a typed error."""
     with pytest.raises(kbstore.KbStoreError):
         kb.add(text)
+
+
+@pytest.mark.parametrize("kind", [6, -1, "add", None])
+def test_a_kind_of_update_that_there_is_not_is_refused(kb, kind):
+    """D1, C1: as a violation beside the others, with the kinds that there are; nothing is stored."""
+    before = picture(kb)
+    with pytest.raises(kbstore.InvalidKnowledge, match="REMOVE_METRIC 5") as refusal:
+        kb.update([(UpdateType.ADD_KNOWLEDGE, "(raining)"), (kind, "(raining)"), (0, "(no_such_thing)")])
+    assert len(refusal.value.violations) == 2
+    assert picture(kb) == before
 
 
 @pytest.mark.parametrize("thing", [None, 3, 2.5, b"(raining)", object(), {}, {"knowledge_type": 9}, ["(raining)"]])
