@@ -11,8 +11,9 @@ from kbstore.pddl.text import condition_text
 from kbstore.planning.projection import Event
 from kbstore.reading.course import since_when
 from kbstore.reading.history import History
+from kbstore.reading.pictures import Place
 from kbstore.reading.questions import Question, as_condition
-from kbstore.reading.reader import Place, Reader
+from kbstore.reading.reader import Reader
 from kbstore.reading.state import State
 from kbstore.record import Explanation, Transaction
 from kbstore.storage.repository import Moment, Recorded, Repository

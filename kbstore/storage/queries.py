@@ -131,11 +131,12 @@ def _in_tree(table: str, columns: str, recorded: str = "") -> tuple[str, str]:
         f" WHERE kb_id = :kb AND level = json_each.key AND {range}{known}"
         for (index, bounds), range in within.items()
     ]
-    # as a subquery of its own, or the plan for a small table would read all of it, and be kept
+    # as a subquery of its own, or the plan for a small table would read all of it, and be kept; and with the condition
+    # that names the index
     postgresql = [
         f"SELECT found.* FROM unnest(CAST(:{bounds} AS bigint[])) WITH ORDINALITY AS bounds(value, place) CROSS JOIN"
         f" LATERAL (SELECT {columns} FROM {table} WHERE kb_id = :kb AND level = place - 1 AND {range}{known}"
-        " OFFSET 0) found"
+        f" AND {range.partition(' ')[0]} >= 0 OFFSET 0) found"
         for (_, bounds), range in within.items()
     ]
     return " UNION ALL ".join((*sqlite, still)), " UNION ALL ".join((*postgresql, still))

@@ -259,12 +259,12 @@ class Repository:
         if known is not None:
             return known
         begins, ends = ranges(moment.time)
-        array = self._session.array
+        bounds = self._session.bounds
         place: dict[str, Any] = {
             "kb": self._kb,
             "t": moment.time,
-            "begins": array(begins),
-            "ends": array(ends),
+            "begins": bounds(begins),
+            "ends": bounds(ends),
         }
         if moment.number is not None:
             place |= {"number": moment.number, "latest": moment.latest}
@@ -275,7 +275,7 @@ class Repository:
         """The same for what is kept by the nodes themselves."""
         place = self._place(moment)
         if "path" not in place:
-            place["path"] = self._session.array(path(moment.time))
+            place["path"] = self._session.bounds(path(moment.time))
         return place
 
     def _standing(self, kind: KnowledgeType, rows: list[Row]) -> list[Standing]:

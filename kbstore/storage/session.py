@@ -177,6 +177,11 @@ class Session:
         """An array parameter for a statement with ``EACH`` or ``AMONG``."""
         return json.dumps(values) if self._sqlite else list(values)
 
+    def bounds(self, values: Sequence[int | None]) -> str:
+        """The same for numbers, as text: to be made once and used by many statements."""
+        text = json.dumps(values)
+        return text if self._sqlite else text.replace("[", "{").replace("]", "}")
+
     def timeline_ids(self, count: int) -> Sequence[int]:
         """Numbers for new timelines; on SQLite the writer is alone, so they follow the last."""
         try:

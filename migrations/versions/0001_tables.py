@@ -180,7 +180,8 @@ def create_assertions(table: str, *own: sa.Column[object]) -> None:
         ("scheduled", ["initial_time"], "recorded_time IS NOT NULL"),
         ("empty", ["timeline_id"], "end_time <= initial_time"),
     ):
-        create_index(f"ix_{table}_{suffix}", table, ["kb_id", *columns], where)
+        chosen = f"{where} AND {columns[-1]} >= 0" if suffix in ("begin", "end") else where
+        create_index(f"ix_{table}_{suffix}", table, ["kb_id", *columns], where, chosen)
 
 
 def create_runs() -> None:
@@ -215,10 +216,18 @@ def create_runs() -> None:
     )
 
 
-def create_index(name: str, table: str, columns: list[str], where: str | None = None, *, unique: bool = False) -> None:
-    """An index, partial where a condition is given."""
-    clause = None if where is None else sa.text(where)
-    op.create_index(name, table, columns, unique=unique, sqlite_where=clause, postgresql_where=clause)
+def create_index(
+    name: str,
+    table: str,
+    columns: list[str],
+    where: str | None = None,
+    chosen: str | None = None,
+    *,
+    unique: bool = False,
+) -> None:
+    """An index, partial where a condition is given; on PostgreSQL by another one where `chosen` is."""
+    clauses = [None if clause is None else sa.text(clause) for clause in (where, chosen or where)]
+    op.create_index(name, table, columns, unique=unique, sqlite_where=clauses[0], postgresql_where=clauses[1])
 
 
 def knowledge_base_of(table: str) -> sa.ForeignKeyConstraint:

@@ -143,9 +143,12 @@ def current(table: str, own: Columns, role: int = STATE, also: str = "") -> str:
     # the block of times on a level in which the latest one is, counted as the tree does
     block = "(((k.last_time + 1) >> l.h) << l.h)"
     past = f"({block} + (CAST(1 AS bigint) << l.h))"
+    # where this is asked for, PostgreSQL takes the index that has it as its condition
+    by_index = "" if op.get_context().dialect.name == "sqlite" else " AND f.{} >= 0"
     within = (
-        f"f.level = l.h AND f.initial_time >= {block} - 1 AND f.initial_time <= k.last_time AND f.end_time >= {past}",
-        f"f.level = l.h AND f.end_time > k.last_time AND f.end_time < {past}",
+        f"f.level = l.h AND f.initial_time >= {block} - 1 AND f.initial_time <= k.last_time AND f.end_time >= {past}"
+        + by_index.format("initial_time"),
+        f"f.level = l.h AND f.end_time > k.last_time AND f.end_time < {past}" + by_index.format("end_time"),
         f"f.end_time = {OPEN} AND f.initial_time <= k.last_time",
     )
     return " UNION ALL ".join(
