@@ -101,14 +101,10 @@ timelines_mentioning = Statement(
     " WHERE m.kb_id = :kb AND AMONG(m.object_id, ids) AND t.id = m.timeline_id"
 )
 
-add_timeline = Statement(
-    "INSERT INTO timelines (id, kb_id, role, knowledge_type, key, spelling)"
-    " VALUES (:id, :kb, :role, :kind, :key, :spelling)"
-)
+add_timeline = Insertion("timelines", "kb_id", "id", "role", "knowledge_type", "key", "spelling")
 
-add_mention = Statement(
-    "INSERT INTO mentions (kb_id, object_id, timeline_id) VALUES (:kb, :object, :timeline)"
-    " ON CONFLICT (kb_id, object_id, timeline_id) DO NOTHING"
+add_mention = Insertion(
+    "mentions", "kb_id", "object_id", "timeline_id", conflict="(kb_id, object_id, timeline_id) DO NOTHING"
 )
 
 

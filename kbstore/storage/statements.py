@@ -44,7 +44,8 @@ class Insertion(Statement):
 
     __slots__ = ()
 
-    def __init__(self, table: str, *columns: str) -> None:
+    def __init__(self, table: str, *columns: str, conflict: str = "") -> None:
         sql = f"INSERT INTO {table} ({', '.join(columns)}) VALUES "
-        self.sqlite = f"{sql}({', '.join('?' * len(columns))})"
-        self.postgresql = f"{sql}({', '.join(['%s'] * len(columns))})"
+        also = conflict and f" ON CONFLICT {conflict}"
+        self.sqlite = f"{sql}({', '.join('?' * len(columns))}){also}"
+        self.postgresql = f"{sql}({', '.join(['%s'] * len(columns))}){also}"

@@ -105,10 +105,14 @@ class Draft:
 
     def track(self, identity: Identity, spelling: str) -> Track:
         """The track of a timeline; `spelling` counts where the timeline is new."""
-        track = self.known(identity)
+        role, kind, name = identity
+        group = self._groups[role, kind]
+        track = group.get(name)
+        if track is None and name not in self._absent[role, kind]:
+            track = self.known(identity)
         if track is None:
-            timeline = Timeline(0, *identity, None if spelling == identity.key else spelling)
-            track = self._groups[identity.role, identity.kind][identity.key] = Track(timeline, (), self.now)
+            timeline = Timeline(0, role, kind, name, None if spelling == name else spelling)
+            track = group[name] = Track(timeline, (), self.now)
             self._new.append(track)
         return track
 
@@ -279,6 +283,7 @@ class Draft:
     def _note_new(self, writes: Writes) -> None:
         """The timelines that are new, and which objects they mention."""
         new: dict[Track, None] = {}
+        objects = self._groups[Role.STATE, KnowledgeType.INSTANCE]
         for kind, added in writes.adds.items():
             for track, _, _, value in added:
                 if not track.timeline.id:
@@ -286,7 +291,9 @@ class Draft:
                 elif kind is not KnowledgeType.EXPRESSION:
                     continue
                 for name in self._mentions(track.timeline, value):
-                    about = self.track(Identity(Role.STATE, KnowledgeType.INSTANCE, name), name)
+                    about = objects.get(name)
+                    if about is None:
+                        about = self.track(Identity(Role.STATE, KnowledgeType.INSTANCE, name), name)
                     if not about.timeline.id:
                         new[about] = None
                     writes.mentions.append((track, about))

@@ -44,11 +44,10 @@ class Recorder:
         """Write the rows of a draft: first what ends, then what begins. Returns the timelines that are new."""
         self._number_timelines(writes)
         session, own = self._session, {"kb": self._kb}
-        session.many(queries.add_timeline, [own | _timeline_row(track.timeline) for track in writes.timelines])
-        session.many(
-            queries.add_mention,
-            [own | {"object": about.timeline.id, "timeline": track.timeline.id} for track, about in writes.mentions],
-        )
+        session.many(queries.add_timeline, [(self._kb, *_timeline_row(track.timeline)) for track in writes.timelines])
+        # in the order of their index, which is built in half the time
+        mentions = sorted((about.timeline.id, track.timeline.id) for track, about in writes.mentions)
+        session.many(queries.add_mention, [(self._kb, about, timeline) for about, timeline in mentions])
         for kind, statements in queries.for_kind.items():
             session.many(statements.end, [own | _with_level(row) for row in writes.ends[kind]])
             session.many(statements.cancel, [own | _with_pending_node(row) for row in writes.cancels[kind]])
@@ -107,16 +106,10 @@ class Recorder:
         )
 
 
-def _timeline_row(timeline: Timeline) -> dict[str, Any]:
-    key = timeline.key
-    stored = stored_key(key)
-    return {
-        "id": timeline.id,
-        "role": int(timeline.role),
-        "kind": int(timeline.kind),
-        "key": stored,
-        "spelling": None if timeline.spelling == stored else timeline.spelling,
-    }
+def _timeline_row(timeline: Timeline) -> tuple[Any, ...]:
+    stored = stored_key(timeline.key)
+    spelling = None if timeline.spelling == stored else timeline.spelling
+    return timeline.id, int(timeline.role), int(timeline.kind), stored, spelling
 
 
 def _with_level(row: dict[str, Any]) -> dict[str, Any]:
