@@ -154,15 +154,18 @@ class Projection:
         row = self._standing.get(Identity(Role.STATE, kind, " ".join(keys)))
         if row is not None:
             return row[0]
-        objects = [self._standing.get(Identity(Role.STATE, KnowledgeType.INSTANCE, name)) for name in keys[1:]]
-        spelled = [name if row is None else row[0].spelling for name, row in zip(keys[1:], objects, strict=True)]
         assert self._domain is not None
+        spelled = [self._domain.constant_spelling(name) or self._spelling(name) for name in keys[1:]]
         declared = (
             self._domain.predicate_signature(atom.name)
             if kind is KnowledgeType.FACT
             else self._domain.function_signature(atom.name)
         )
         return Timeline(0, Role.STATE, kind, " ".join(keys), " ".join((declared.name, *spelled)))
+
+    def _spelling(self, name: str) -> str:
+        """The name of an object that exists, as first written."""
+        return self._standing[Identity(Role.STATE, KnowledgeType.INSTANCE, name)][0].spelling
 
     def _stop(self, entry: Running) -> Iterator[Event]:
         """A run's contributions to rates end; the functions that it moved move on without them."""

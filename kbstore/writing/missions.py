@@ -166,8 +166,10 @@ class Mission:
         """Deletes before adds, then the numbers; all was evaluated on the state before (rule O2)."""
         draft = self._draft
         atoms = (*found.deletes, *found.adds)
-        draft.load(Role.STATE, KnowledgeType.FACT, {" ".join((atom.name, *atom.arguments)) for atom in atoms})
-        draft.load(Role.STATE, KnowledgeType.INSTANCE, {name for atom in atoms for name in atom.arguments})
+        functions = {change.function for change in found.changes}
+        for kind, touched in ((KnowledgeType.FACT, atoms), (KnowledgeType.FUNCTION, functions)):
+            draft.load(Role.STATE, kind, {" ".join((atom.name, *atom.arguments)) for atom in touched})
+            draft.load(Role.STATE, KnowledgeType.INSTANCE, {name for atom in touched for name in atom.arguments})
         for atom in found.deletes:
             track = editor.track_of(KnowledgeType.FACT, atom)
             if state.use_unknowns:

@@ -1,6 +1,7 @@
 """Rules O1 to O3: operators that are checked, applied, started and ended."""
 
 import pytest
+import sqlalchemy as sa
 
 import kbstore
 from kbstore import Truth, seconds
@@ -376,6 +377,41 @@ def test_scheduled_knowledge_and_expected_effects_come_in_order_of_time(depot):
     assert "(ready kenny)" in after
     assert "(not (visited wp1))" in after
     assert depot.value("(log)", at=START + seconds(12)) == 110
+
+
+def test_expected_effects_spell_names_as_first_written(open_kb, clock):
+    """O3, D3: objects as they were added, and constants as the domain writes them, as after the end."""
+    kb = open_kb()
+    kb.load(DEPOT.replace("(:types robot place)", "(:types robot place) (:constants Dock - place)"))
+    kb.add("Kenny - robot", "WP0 - place", "(near kenny wp0)", "(ready kenny)", "(lit)")
+    kb.add("(= (battery kenny) 80)", "(= (distance wp0 dock) 20)", "(= (log) 0)")
+    run = kb.start("goto", "KENNY", "wp0", "DOCK")
+    expected = ["(lit)", "(near Kenny Dock)", "(ready Kenny)", "(visited Dock)"]
+    assert facts(kb, START + seconds(10)) == expected
+    clock.set(START + seconds(10))
+    kb.end(run)
+    assert facts(kb) == expected
+
+
+def test_an_action_reads_all_that_its_effects_touch_at_once(depot):
+    """O2: applying to many objects takes no more statements than applying to a few."""
+    statements = []
+    depot.add(*(f"(broken {name})" for name in ("kenny", "robby")))
+
+    def count(_connection, _cursor, statement, *_):
+        statements.append(statement)
+
+    sa.event.listen(sa.Engine, "before_cursor_execute", count)
+    try:
+        depot.apply("reset")
+        for_two = len(statements)
+        robots = [f"r{number}" for number in range(60)]
+        depot.add(*(f"{name} - robot" for name in robots), *(f"(broken {name})" for name in robots))
+        statements.clear()
+        assert depot.apply("reset").changes == 120
+    finally:
+        sa.event.remove(sa.Engine, "before_cursor_execute", count)
+    assert for_two <= len(statements) <= for_two + 10
 
 
 def test_what_runs_survives_a_restart(store_url, clock, tmp_path):
