@@ -134,6 +134,37 @@ def test_writing_through_the_knowledge_base_inside_a_transaction_is_an_error(kb)
     assert facts(kb) == []
 
 
+@pytest.mark.parametrize(
+    "act",
+    [
+        lambda tx: tx.add("(open wp0)"),
+        lambda tx: tx.remove("(open wp1)"),
+        lambda tx: tx.update([]),
+        lambda tx: tx.remove_metric(),
+        lambda tx: tx.apply("relight"),
+        lambda tx: tx.clear(),
+        lambda tx: tx.load(None),
+        lambda tx: tx.set_sensed("open", True),
+        lambda tx: tx.abort(None),
+        lambda tx: tx.state(),
+    ],
+    ids=["add", "remove", "update", "remove_metric", "apply", "clear", "load", "set_sensed", "abort", "state"],
+)
+def test_a_transaction_takes_nothing_outside_of_its_block(kb, act):
+    """C1: before it, and after it was left by either way, an update would be lost in silence."""
+    kb.add("(open wp1)")
+    before = facts(kb)
+    with kb.transaction() as left:
+        pass
+    with pytest.raises(ZeroDivisionError), kb.transaction() as failed:
+        failed.add(str(1 / 0))
+    for tx in (kb.transaction(), left, failed):
+        with pytest.raises(kbstore.Conflict, match=r"with kb.transaction\(\) as"):
+            act(tx)
+    assert facts(kb) == before
+    assert not kb.domain.is_sensed("open")
+
+
 def test_expect_refuses_if_another_transaction_came_between(kb):
     """C1: optimistic writing; the transaction that was expected is the latest, or `Conflict`."""
     seen = kb.add("(raining)")
