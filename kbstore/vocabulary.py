@@ -84,7 +84,7 @@ class Vocabulary:
                 _refuse_repeated(atom, labels)
                 return name, tuple(arguments)
             spelled, known = shape.name, shape.labels or _numbered(shape.arity)
-            declared = f"{shape.name} was first used with {shape.arity} arguments"
+            declared = f"{shape.name} was first used with {_count(shape.arity, 'argument')}"
             if shape.labels is not None:
                 declared += f", labelled {', '.join(shape.labels)}"
             if shape.labels is None and len(arguments) == shape.arity:

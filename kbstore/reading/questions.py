@@ -8,13 +8,17 @@ from kbstore.domain import Domain
 from kbstore.errors import InvalidKnowledge
 from kbstore.messages import (
     Condition,
+    DomainFormula,
     ExprComposite,
     Expression,
+    ExprType,
     Fact,
     Function,
     Inequality,
     Instance,
+    KeyValue,
     KnowledgeItem,
+    KnowledgeType,
     from_message,
 )
 from kbstore.pddl.forms import condition_of, from_composite, parse_condition, parse_expression, parse_item
@@ -34,9 +38,14 @@ def as_item(knowledge: object, vocabulary: Vocabulary) -> KnowledgeItem:
         if isinstance(item, Fact) and vocabulary.domain is None and vocabulary.is_function(item.attribute_name):
             return Function(attribute_name=item.attribute_name, values=item.values, is_negative=item.is_negative)
         return item
-    if isinstance(knowledge, _ITEMS):
-        return knowledge
-    return from_message(knowledge)
+    given = knowledge if isinstance(knowledge, _ITEMS) else from_message(knowledge)
+    match given:
+        case Inequality():
+            left, right = _in_order(given.ineq.LHS, vocabulary), _in_order(given.ineq.RHS, vocabulary)
+            return given.changed(ineq=given.ineq.changed(LHS=left, RHS=right))
+        case Expression():
+            return given.changed(expr=_in_order(given.expr, vocabulary))
+    return given
 
 
 def as_condition(question: Question, vocabulary: Vocabulary) -> logic.Condition:
@@ -52,7 +61,7 @@ def as_condition(question: Question, vocabulary: Vocabulary) -> logic.Condition:
         return parse_condition(question.text, vocabulary.domain)
     item = as_item(question, vocabulary)
     if vocabulary.domain is None and isinstance(item, Fact | Function) and any(item.labels):
-        item = _in_order(item, vocabulary)
+        item = _unlabelled(item, vocabulary)
     return condition_of(item, vocabulary.domain)
 
 
@@ -61,21 +70,41 @@ def as_expression(question: object, vocabulary: Vocabulary) -> logic.Expression:
     if isinstance(question, str):
         return parse_expression(question)
     if isinstance(question, ExprComposite):
-        return from_composite(question)
+        return from_composite(_in_order(question, vocabulary))
     if isinstance(question, tuple):
         return question
     if isinstance(question, logic.Atom):
         return (question,)
-    item = question if isinstance(question, _ITEMS) else from_message(question)
+    item = as_item(question, vocabulary)
     if isinstance(item, Expression):
         return from_composite(item.expr)
     if not isinstance(item, Function):
         raise InvalidKnowledge(f"{item} has no value; ask for that of a function or expression, as: (battery kenny)")
-    condition = condition_of(item.changed(function_value=None, is_negative=False), vocabulary.domain)
+    condition = as_condition(item.changed(function_value=None, is_negative=False), vocabulary)
     return (cast("logic.Defined", condition).function,)
 
 
-def _in_order(item: Fact | Function, vocabulary: Vocabulary) -> Fact | Function:
+def _in_order(expression: ExprComposite, vocabulary: Vocabulary) -> ExprComposite:
+    """The expression with the arguments of its functions in the order of the parameters (rules D1, D2)."""
+
+    def arranged(formula: DomainFormula) -> DomainFormula:
+        given = formula.typed_parameters
+        labels = [parameter.key for parameter in given]
+        _, arguments = vocabulary.ordered(KnowledgeType.FUNCTION, formula.name, [p.value for p in given], labels)
+        return formula.changed(typed_parameters=tuple(KeyValue(value=name) for name in arguments))
+
+    tokens = expression.tokens
+    if not any(parameter.key for token in tokens for parameter in token.function.typed_parameters):
+        return expression
+    return expression.changed(
+        tokens=tuple(
+            token.changed(function=arranged(token.function)) if token.expr_type is ExprType.FUNCTION else token
+            for token in tokens
+        )
+    )
+
+
+def _unlabelled(item: Fact | Function, vocabulary: Vocabulary) -> Fact | Function:
     """Without a domain, labels are those of the symbol's first use (rule D2)."""
     _, arguments = vocabulary.ordered(item.knowledge_type, item.attribute_name, item.arguments, item.labels)
     return type(item).model_validate({**item.model_dump(), "values": list(arguments)})

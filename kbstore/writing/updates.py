@@ -22,7 +22,7 @@ def items_of(kind: UpdateType, knowledge: object, vocabulary: Vocabulary) -> Seq
 
 
 def _goals(knowledge: object, vocabulary: Vocabulary) -> Sequence[Goal]:
-    if isinstance(knowledge, Fact | Inequality):
+    if isinstance(knowledge, Fact):
         return [knowledge]
     initial_time = 0
     if isinstance(knowledge, Condition):
