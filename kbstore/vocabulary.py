@@ -109,7 +109,7 @@ class Vocabulary:
         if self.domain is not None:
             return None
         known = self.shapes.get((kind, key(name)))
-        given = tuple(labels) if arity and all(labels) else None
+        given = tuple(labels) if labels and all(labels) else None
         if known is not None and (known.labels is not None or given is None):
             return None
         shape = Shape(known.name if known else name, arity, given)

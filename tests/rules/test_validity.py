@@ -386,6 +386,8 @@ def test_without_a_domain_a_formula_may_be_a_symbols_first_use(bare, first):
     with pytest.raises(kbstore.InvalidKnowledge, match="1 argument"):
         bare.add_goal("(or (p) (< (f a b) 3))")
     bare.add("(= (f a) 3)")
+    bare.add(Function(attribute_name="f", values={"label": "b"}, function_value=4))
+    assert bare.value("(f b)") == 4
 
 
 def test_without_a_domain_labels_are_heeded_in_questions_about_numbers(bare):
