@@ -450,6 +450,21 @@ def test_a_formula_in_another_case_is_the_same(kb, clock, add, first, again):
     assert shown.replace("?P", "?p") == first
 
 
+def test_a_type_in_another_case_is_the_same_without_a_domain(bare, clock):
+    """D3, C2: whether it stands, is scheduled, or is told again after a removal."""
+    later = START + 100
+    bare.add("wp0 - Place")
+    bare.add("wp1 - Place", initial_time=later)
+    clock.set(START + 10)
+    assert bare.add("wp0 - PLACE").changes == 0
+    assert bare.add("wp1 - place", initial_time=later).changes == 0
+    with bare.transaction() as tx:
+        tx.remove("wp0 - place")
+        tx.add("wp0 - place")
+    assert tx.result.changes == 0
+    assert instances(bare, later) == ["wp0 - Place", "wp1 - Place"]
+
+
 def test_case_is_that_of_str_lower(bare):
     """D3: names of other scripts compare by `str.lower()`."""
     bare.add("(öffnet ÄTNA)")
