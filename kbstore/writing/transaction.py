@@ -34,7 +34,7 @@ from kbstore.writing.fitting import misfits
 from kbstore.writing.missions import Mission
 from kbstore.writing.preloading import Wanted
 from kbstore.writing.recorder import Recorder
-from kbstore.writing.updates import GOAL_UPDATES, Update, failing, items_of, problem_updates
+from kbstore.writing.updates import GOAL_UPDATES, Update, failing, items_of, pairs, problem_updates
 
 TOLERANCE = 1_000_000_000
 """How far a clock may be behind the latest recorded time, in nanoseconds (rule T3)."""
@@ -227,7 +227,7 @@ class OpenTransaction:
         self._require_open()
         t = _time(initial_time)
         with without_collection():
-            self._apply(self._preloaded([(UpdateType(kind), item) for kind, item in updates], t))
+            self._apply(self._preloaded(pairs(updates), t))
 
     def clear(self) -> None:
         """End everything that stands, cancel everything scheduled, abort what runs (rule C12)."""

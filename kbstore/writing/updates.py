@@ -1,6 +1,6 @@
 """What is given to a transaction, as updates that its editor does one after another."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 
 from kbstore.errors import InvalidKnowledge, KbStoreError, UnknownSymbol
@@ -14,6 +14,22 @@ GOAL_UPDATES = (UpdateType.ADD_GOAL, UpdateType.REMOVE_GOAL)
 
 Update = Callable[[], Sequence[str]]
 """Does one update to the draft; returns its violations."""
+
+
+def pairs(updates: Iterable[object]) -> list[tuple[UpdateType, object]]:
+    """Updates as they were given, each its kind and what it tells. Raises `InvalidKnowledge` for anything else."""
+    found = []
+    for update in updates:
+        try:
+            kind, knowledge = update  # type: ignore[misc]
+            found.append((UpdateType(kind), knowledge))  # type: ignore[has-type]
+        except (TypeError, ValueError) as error:
+            kinds = ", ".join(f"{known.name} {known.value}" for known in UpdateType)
+            raise InvalidKnowledge(
+                f"{update!r:.100} is no update; give pairs like (UpdateType.ADD_KNOWLEDGE, '(visited wp7)'), "
+                f"the first of them one of {kinds}"
+            ) from error
+    return found
 
 
 def items_of(kind: UpdateType, knowledge: object, vocabulary: Vocabulary) -> Sequence[KnowledgeItem | Condition]:

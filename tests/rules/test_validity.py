@@ -340,6 +340,14 @@ def test_text_that_is_no_item_is_refused(kb, text):
         kb.add(text)
 
 
+@pytest.mark.parametrize("update", [(9, "(raining)"), ("(raining)", 0), "(raining)", (0,), (0, "(raining)", 1), None])
+def test_what_is_no_update_is_refused(kb, update):
+    """D1, C1: with a typed error that names the kinds, and nothing of the others is done."""
+    with pytest.raises(kbstore.InvalidKnowledge, match="ADD_KNOWLEDGE 0"):
+        kb.update([(kbstore.UpdateType.ADD_KNOWLEDGE, "(open wp0)"), update])
+    assert facts(kb) == []
+
+
 @pytest.mark.parametrize("thing", [None, 3, 2.5, b"(raining)", object(), {}, {"knowledge_type": 9}, ["(raining)"]])
 def test_what_is_no_knowledge_at_all_is_refused(kb, thing):
     """D1: with a typed error, everywhere."""
