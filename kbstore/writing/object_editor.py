@@ -93,12 +93,12 @@ class ObjectEditor:
     def _ended_now(self, track: Track) -> str | None:
         """The type with which an object existed until exactly now, if it did."""
         latest = track.latest
-        if latest is not None and latest.value[0] and latest.initial_time == self._now:
+        if latest is not None and latest.initial_time == self._now:
             start = self._repository.latest_start(track.timeline, self._now - 1)
             rows = self._repository.history(KnowledgeType.INSTANCE, [track.timeline], start, self._now)
             kept = [row for row in rows if row.end_time == self._now and row.initial_time < self._now]
             return None if not kept or kept[-1].value[0] else str(kept[-1].value[1])
-        if latest is None or latest.initial_time >= self._now or latest.value[0]:
+        if latest is None or latest.value[0]:
             return None
         ends_now = latest.end_time == self._now or (latest.end_time > self._now and track.value is None)
         return str(latest.value[1]) if ends_now else None

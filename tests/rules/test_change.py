@@ -442,6 +442,15 @@ def test_an_existence_of_no_length_does_not_count(kb, clock):
     assert "box - robot" in instances(kb)
 
 
+def test_an_existence_told_of_twice_lets_no_other_type_meet_it(kb, clock):
+    """C6: what was scheduled while it stood is the same existence, which no end strictly before has parted."""
+    kb.add("kenny - robot", initial_time=START + 10)
+    clock.set(START + 10)
+    with pytest.raises(kbstore.InvalidKnowledge, match="until then"):
+        kb.update([(REMOVE, item("kenny - robot")), (ADD, item("kenny - place"))])
+    assert "kenny - robot" in instances(kb)
+
+
 def test_adjacent_existences_of_one_type_are_one(kb, clock):
     """C6: scheduling what stands is not an end, so that facts go on across it."""
     kb.add("(open wp0)")
