@@ -55,7 +55,7 @@ class Editor:
         self._repository = repository
         self._vocabulary = vocabulary
         self._checks = Checks(draft, vocabulary)
-        self._spelling = Spelling(vocabulary, self._checks)
+        self.spelling = Spelling(vocabulary, self._checks)
         self._atoms = AtomTracks(draft, self._checks, vocabulary)
         self._objects = ObjectEditor(draft, repository, self._checks, vocabulary, on_removed_object)
         self._now = draft.now
@@ -105,7 +105,7 @@ class Editor:
         violations = naming(item, self._checks.expression(expression, t))
         if not violations:
             track = self._draft.track(Identity(Role.STATE, KnowledgeType.EXPRESSION, METRIC_KEY), METRIC_KEY)
-            text = expression_text(self._spelling.expression(expression))
+            text = expression_text(self.spelling.expression(expression))
             self._put(track, (False, item.optimization, text), t)
         return violations
 
@@ -174,7 +174,7 @@ class Editor:
         violations = naming(condition_text(formula), self._checks.condition(formula, t))
         if violations:
             return violations
-        spelled = self._spelling.condition(formula)
+        spelled = self.spelling.condition(formula)
         assert isinstance(spelled, Comparison)
         left, right = expression_text(spelled.left), expression_text(spelled.right)
         track = self._formula_track(spelled, role, KnowledgeType.INEQUALITY)
@@ -189,7 +189,7 @@ class Editor:
         violations = naming(condition_text(formula), self._checks.condition(formula, t))
         if violations:
             return violations
-        track = self._formula_track(self._spelling.condition(formula), role, KnowledgeType.EXPRESSION)
+        track = self._formula_track(self.spelling.condition(formula), role, KnowledgeType.EXPRESSION)
         # variables, too, are spelled as when the condition was first told
         self._put(track, (False, "", track.timeline.spelling), t)
         return _NONE

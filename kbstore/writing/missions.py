@@ -90,7 +90,8 @@ class Mission:
             (editor.track_of(KnowledgeType.FUNCTION, function).timeline, rate) for function, rate in continuous
         )
         self.last_run += 1
-        run = Run(action.action.name, action.arguments, self._draft.now, length, self.last_run)
+        objects = tuple(map(editor.spelling.term, action.arguments))
+        run = Run(action.action.name, objects, self._draft.now, length, self.last_run)
         entry = Running(run, rates)
         self.running.append(entry)
         self._started.append(entry)

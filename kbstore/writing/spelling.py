@@ -46,9 +46,9 @@ class Spelling:
             case Comparison(comparison, left, right):
                 return Comparison(comparison, self.expression(left), self.expression(right))
             case Same(left_term, right_term):
-                return Same(self._term(left_term), self._term(right_term))
+                return Same(self.term(left_term), self.term(right_term))
             case IsA(name, type_name):
-                return IsA(self._term(name), type_name)
+                return IsA(self.term(name), type_name)
             case Not(part):
                 return Not(self.condition(part))
             case Preference(name, part):
@@ -75,9 +75,10 @@ class Spelling:
             return atom
         name, arguments = self._vocabulary.ordered(kind, atom.name, atom.arguments, ())
         self._vocabulary.learn(kind, name, len(arguments), ())
-        return Atom(name, tuple(map(self._term, arguments)))
+        return Atom(name, tuple(map(self.term, arguments)))
 
-    def _term(self, name: str) -> str:
+    def term(self, name: str) -> str:
+        """The object's name, as it is shown; a variable stays as it is."""
         return name if is_wildcard(name) else self._checks.object_track(name).timeline.spelling
 
 

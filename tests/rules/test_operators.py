@@ -385,7 +385,9 @@ def test_expected_effects_spell_names_as_first_written(open_kb, clock):
     kb.load(DEPOT.replace("(:types robot place)", "(:types robot place) (:constants Dock - place)"))
     kb.add("Kenny - robot", "WP0 - place", "(near kenny wp0)", "(ready kenny)", "(lit)")
     kb.add("(= (battery kenny) 80)", "(= (distance wp0 dock) 20)", "(= (log) 0)")
-    run = kb.start("goto", "KENNY", "wp0", "DOCK")
+    run = kb.start("GOTO", "KENNY", "wp0", "DOCK")
+    assert (run.operator, run.arguments) == ("goto", ("Kenny", "WP0", "Dock"))
+    assert kb.state().running == [run]
     expected = ["(lit)", "(near Kenny Dock)", "(ready Kenny)", "(visited Dock)"]
     assert facts(kb, START + seconds(10)) == expected
     clock.set(START + seconds(10))
