@@ -385,6 +385,30 @@ def test_without_a_domain_a_symbol_keeps_the_arity_of_its_first_use(bare, first,
         bare.add(second)
 
 
+@pytest.mark.parametrize("name", ["and", "NOT", "or", "imply", "exists", "forall", "=", ">", "increase", "minimize"])
+def test_without_a_domain_a_predicate_is_not_named_like_a_word_of_pddl(bare, name):
+    """D3: what is stored can be read back from its text; `(and a)` would be something else."""
+    for use in (bare.add, bare.add_goal):
+        with pytest.raises(kbstore.InvalidKnowledge, match="another name"):
+            use(Fact(attribute_name=name, values=["a", "b"]))
+    assert facts(bare) == []
+
+
+@pytest.mark.parametrize("name", ["+", "*", "/"])
+def test_without_a_domain_a_function_is_not_named_like_an_operator(bare, name):
+    """D3: as predicates are not."""
+    with pytest.raises(kbstore.InvalidKnowledge, match="another name"):
+        bare.add(Function(attribute_name=name, values=["a"], function_value=1))
+
+
+@pytest.mark.parametrize("text", ["(at a b)", "(over a)", "(when a b)", "(within a)", "(3d a)", "(= (total-cost) 0)"])
+def test_without_a_domain_what_can_be_read_back_is_accepted(bare, text):
+    """D3: also where PDDL uses the word elsewhere."""
+    bare.add(text)
+    assert texts((*bare.state().facts, *bare.state().functions)) == [text]
+    assert bare.holds(text)
+
+
 @pytest.mark.parametrize("first", ["(> (f a) 3)", "minimize (f a)"])
 def test_without_a_domain_a_formula_may_be_a_symbols_first_use(bare, first):
     """D2: what is kept and reads f with one argument is a use of it."""
