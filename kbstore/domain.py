@@ -120,6 +120,11 @@ class Domain:
         """The numeric function's signature. Raises `UnknownSymbol`."""
         return _find(self.function_signatures, name, "function", self.name)
 
+    def symbol(self, name: str) -> DomainFormula:
+        """The predicate or numeric function of that name. Raises `UnknownSymbol`."""
+        symbols = {**self.function_signatures, **self.predicate_signatures}
+        return _find(symbols, name, "predicate or function", self.name).formula
+
     def action(self, name: str) -> Action:
         """The operator with all of its conditions and effects. Raises `UnknownSymbol`."""
         return _find(self.actions, name, "operator", self.name)
@@ -130,8 +135,7 @@ class Domain:
 
     def is_sensed(self, name: str) -> bool:
         """Whether a predicate (or function) is marked as sensed. Raises `UnknownSymbol`."""
-        if key(name) not in self.function_signatures:
-            self.predicate_signature(name)
+        self.symbol(name)
         return key(name) in self.sensed
 
     def with_sensed(self, name: str, sensed: bool) -> "Domain":

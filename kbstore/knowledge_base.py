@@ -377,10 +377,12 @@ class KnowledgeBase:
 
     def timed_knowledge(self, name: str = "", at: object = None) -> list[KnowledgeItem]:
         """What was scheduled, and takes effect after the time; of one predicate or function, or all."""
-        found = self.state(at).timed_knowledge
+        state = self.state(at)
+        if name and state.domain is not None:
+            state.domain.symbol(name)
         return [
             item
-            for item in found
+            for item in state.timed_knowledge
             if not name or (isinstance(item, Fact | Function) and key(item.attribute_name) == key(name))
         ]
 

@@ -84,7 +84,7 @@ class Vocabulary:
                 _refuse_repeated(atom, labels)
                 return name, tuple(arguments)
             spelled, known = shape.name, shape.labels or _numbered(shape.arity)
-            declared = f"{shape.name} was first used with {shape.arity} arguments"
+            declared = f"{shape.name} was first used with {_count(shape.arity, 'argument')}"
             if shape.labels is not None:
                 declared += f", labelled {', '.join(shape.labels)}"
             if shape.labels is None and len(arguments) == shape.arity:
@@ -109,7 +109,7 @@ class Vocabulary:
         if self.domain is not None:
             return None
         known = self.shapes.get((kind, key(name)))
-        given = tuple(labels) if arity and all(labels) else None
+        given = tuple(labels) if labels and all(labels) else None
         if known is not None and (known.labels is not None or given is None):
             return None
         shape = Shape(known.name if known else name, arity, given)

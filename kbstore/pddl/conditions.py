@@ -141,10 +141,13 @@ class ConditionReader:
                 owners.pop()
 
     def is_atom(self, group: Group) -> bool:
-        """Whether a keyword is used as the name of a declared predicate."""
+        """Whether a keyword is used as the name of a declared predicate.
+
+        Without a domain none is declared; a word for a constraint before plain names can be nothing else.
+        """
         word = group.word(0)
         return (
-            self.context.is_predicate(word)
+            (self.context.is_predicate(word) or (self.context.domain is None and word in TRAJECTORY))
             and word not in COMPARISONS
             and (len(group) > 1 or word not in ("and", "or"))
             and all(isinstance(node, str) for node in group)

@@ -1,12 +1,11 @@
 """The text forms of knowledge and questions: from text to items and formulas, and between items and formulas."""
 
-from kbstore import composites
-from kbstore.composites import composite_of, from_composite
+from kbstore.composites import from_composite
 from kbstore.domain import Domain, Signature
 from kbstore.errors import InvalidKnowledge
 from kbstore.evaluation.rules import walk
 from kbstore.logic import Atom, Comparison, Condition, Defined, Expression, IsA, Not
-from kbstore.messages import ComparisonType, ExprComposite, Fact, Function, Goal, Inequality, Instance, KnowledgeItem
+from kbstore.messages import ComparisonType, Fact, Function, Goal, Inequality, Instance, KnowledgeItem
 from kbstore.messages import Condition as ConditionMessage
 from kbstore.names import key
 from kbstore.pddl.conditions import ConditionReader, conjuncts
@@ -23,7 +22,6 @@ __all__ = [
     "parse_condition",
     "parse_expression",
     "parse_item",
-    "to_composite",
 ]
 
 
@@ -134,13 +132,6 @@ def goal_of(part: Condition, items: ItemReader) -> Goal:
                 "not about what exists or is defined"
             )
     return ConditionMessage(text=condition_text(part))
-
-
-def to_composite(expression: Expression, domain: Domain | None = None) -> ExprComposite:
-    """The expression as a message; with a domain, the arguments of its functions get their labels."""
-    if domain is None:
-        return composite_of(expression, composites.unlabelled)
-    return ItemReader(Context(Source(""), domain)).composite(expression)
 
 
 def _arranged(item: Fact | Function, signature: Signature | None) -> Atom:

@@ -13,6 +13,7 @@ from kbstore.messages import ComparisonType, SpecialType, Truth
 from kbstore.messages.base import format_number
 from kbstore.pddl.text import condition_text
 from kbstore.planning import effects
+from kbstore.planning.effects import Effects
 from kbstore.planning.grounding import GroundAction, ground, with_objects
 
 __all__ = ["Failing", "GroundAction", "applicability", "check_duration", "failing", "fixed_duration", "ground"]
@@ -38,12 +39,19 @@ def _judged(conditions: Iterable[Condition], world: Interpretation, duration: fl
     return [(condition, evaluation.truth(condition)) for condition in conditions]
 
 
-def applicability(ground: GroundAction, world: Interpretation, *, duration: float | None = None) -> list[Failing]:
+def applicability(
+    ground: GroundAction,
+    world: Interpretation,
+    *,
+    duration: float | None = None,
+    at_start: Effects | None = None,
+) -> list[Failing]:
     """Everything that keeps an operator from being applied or started in the world; empty if it can be (rule O1).
 
     The at-start conditions are evaluated on the world, the over-all conditions on the world after the at-start
     effects. A number that the duration or an effect needs and that is not there is among what fails, as ``Defined``
-    (or as ``(not (= divisor 0))``). `duration`, in seconds, is what the domain fixes unless it is given.
+    (or as ``(not (= divisor 0))``). `duration`, in seconds, is what the domain fixes unless it is given. A caller that
+    has seen the at-start conditions hold passes on the effects `at_start` that it evaluated then.
 
     Raises `InvalidKnowledge` where no condition fails, but the effects conflict with each other or overflow.
     """
@@ -53,12 +61,16 @@ def applicability(ground: GroundAction, world: Interpretation, *, duration: floa
     if duration is None:
         fixed = fixed_duration(ground, world)
         duration = None if fixed is None else fixed / SECOND
-    found = missing + failing(ground, Moment.AT_START, world, duration=duration)
+    found = missing
+    if at_start is None:
+        found += failing(ground, Moment.AT_START, world, duration=duration)
     try:
-        lacking = effects.lacking(ground, Moment.AT_START, world, duration=duration)
-        if lacking:
-            return found + _judged(lacking, world, duration)
-        after = effects.After(world, effects.evaluate(ground, Moment.AT_START, world, duration=duration))
+        if at_start is None:
+            lacking = effects.lacking(ground, Moment.AT_START, world, duration=duration)
+            if lacking:
+                return found + _judged(lacking, world, duration)
+            at_start = effects.evaluate(ground, Moment.AT_START, world, duration=duration)
+        after = effects.After(world, at_start)
         found += failing(ground, Moment.OVER_ALL, after, duration=duration)
         found += _judged(effects.lacking(ground, Moment.OVER_ALL, after, duration=duration), after, duration)
     except InvalidKnowledge:

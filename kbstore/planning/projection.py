@@ -164,8 +164,8 @@ class Projection:
         return Timeline(0, Role.STATE, kind, " ".join(keys), " ".join((declared.name, *spelled)))
 
     def _spelling(self, name: str) -> str:
-        row = self._standing.get(Identity(Role.STATE, KnowledgeType.INSTANCE, name))
-        return name if row is None else row[0].spelling
+        """The name of an object that exists, as first written."""
+        return self._standing[Identity(Role.STATE, KnowledgeType.INSTANCE, name)][0].spelling
 
     def _stop(self, entry: Running) -> Iterator[Event]:
         """A run's contributions to rates end; the functions that it moved move on without them."""

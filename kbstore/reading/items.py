@@ -2,10 +2,13 @@
 
 from collections.abc import Iterable
 
+from kbstore.composites import composite_of, unlabelled
+from kbstore.logic import Atom
 from kbstore.messages import (
     AssignOp,
     ComparisonType,
     Condition,
+    DomainFormula,
     DomainInequality,
     ExprComposite,
     Expression,
@@ -13,10 +16,12 @@ from kbstore.messages import (
     Function,
     Inequality,
     Instance,
+    KeyValue,
     KnowledgeItem,
     KnowledgeType,
 )
-from kbstore.pddl.forms import parse_expression, to_composite
+from kbstore.names import key
+from kbstore.pddl.forms import parse_expression
 from kbstore.timelines import Timeline, Value, number_at
 from kbstore.vocabulary import Vocabulary
 
@@ -62,12 +67,12 @@ class ItemReader:
             case KnowledgeType.EXPRESSION:
                 if not value[1]:
                     return Condition(text=value[2], initial_time=initial_time)
-                return Expression(initial_time=initial_time, optimization=value[1], expr=self._composite(value[2]))
+                return Expression(initial_time=initial_time, optimization=value[1], expr=self._expression(value[2]))
             case KnowledgeType.INEQUALITY:
                 inequality = DomainInequality(
                     comparison_type=ComparisonType(value[1]),
-                    LHS=self._composite(value[2]),
-                    RHS=self._composite(value[3]),
+                    LHS=self._expression(value[2]),
+                    RHS=self._expression(value[3]),
                     grounded=bool(value[4]),
                 )
                 return Inequality(initial_time=initial_time, is_negative=bool(value[0]), ineq=inequality)
@@ -76,8 +81,18 @@ class ItemReader:
         """The items that stand, in order of their initial times."""
         return [self.item(*row, t) for row in sorted(rows, key=_order)]
 
-    def _composite(self, text: str) -> ExprComposite:
-        return to_composite(parse_expression(text), self._vocabulary.domain)
+    def _expression(self, text: str) -> ExprComposite:
+        return composite_of(parse_expression(text), self._formula)
+
+    def _formula(self, function: Atom) -> DomainFormula:
+        """A function's term with the labels of its parameters; PDDL's own, like ``(is-violated p)``, have none."""
+        if not self._vocabulary.known(KnowledgeType.FUNCTION, function.name):
+            return unlabelled(function)
+        labels = self._vocabulary.labels(KnowledgeType.FUNCTION, key(function.name), len(function.arguments))
+        values = [
+            KeyValue.trusted(key=label, value=name) for label, name in zip(labels, function.arguments, strict=True)
+        ]
+        return DomainFormula.trusted(name=function.name, typed_parameters=tuple(values))
 
     def _labels(self, timeline: Timeline) -> "tuple[str, ...]":
         return self._vocabulary.labels(timeline.kind, timeline.keys[0], len(timeline.arguments))  # type: ignore[return-value]

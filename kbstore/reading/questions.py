@@ -4,12 +4,11 @@ from collections.abc import Mapping
 from typing import cast, get_args
 
 from kbstore import logic
-from kbstore.composites import unlabelled
 from kbstore.domain import Domain
 from kbstore.errors import InvalidKnowledge
 from kbstore.messages import (
     Condition,
-    ExprBase,
+    DomainFormula,
     ExprComposite,
     Expression,
     ExprType,
@@ -17,6 +16,7 @@ from kbstore.messages import (
     Function,
     Inequality,
     Instance,
+    KeyValue,
     KnowledgeItem,
     KnowledgeType,
     from_message,
@@ -38,14 +38,14 @@ def as_item(knowledge: object, vocabulary: Vocabulary) -> KnowledgeItem:
         if isinstance(item, Fact) and vocabulary.domain is None and vocabulary.is_function(item.attribute_name):
             return Function(attribute_name=item.attribute_name, values=item.values, is_negative=item.is_negative)
         return item
-    found = knowledge if isinstance(knowledge, _ITEMS) else from_message(knowledge)
-    match found:
+    given = knowledge if isinstance(knowledge, _ITEMS) else from_message(knowledge)
+    match given:
+        case Inequality():
+            left, right = _in_order(given.ineq.LHS, vocabulary), _in_order(given.ineq.RHS, vocabulary)
+            return given.changed(ineq=given.ineq.changed(LHS=left, RHS=right))
         case Expression():
-            return found.changed(expr=_arranged(found.expr, vocabulary))
-        case Inequality(ineq=ineq):
-            sides = {"LHS": _arranged(ineq.LHS, vocabulary), "RHS": _arranged(ineq.RHS, vocabulary)}
-            return found.changed(ineq=ineq.model_copy(update=sides))
-    return found
+            return given.changed(expr=_in_order(given.expr, vocabulary))
+    return given
 
 
 def as_condition(question: Question, vocabulary: Vocabulary) -> logic.Condition:
@@ -61,7 +61,7 @@ def as_condition(question: Question, vocabulary: Vocabulary) -> logic.Condition:
         return parse_condition(question.text, vocabulary.domain)
     item = as_item(question, vocabulary)
     if vocabulary.domain is None and isinstance(item, Fact | Function) and any(item.labels):
-        item = _in_order(item, vocabulary)
+        item = _unlabelled(item, vocabulary)
     return condition_of(item, vocabulary.domain)
 
 
@@ -70,7 +70,7 @@ def as_expression(question: object, vocabulary: Vocabulary) -> logic.Expression:
     if isinstance(question, str):
         return parse_expression(question)
     if isinstance(question, ExprComposite):
-        return from_composite(_arranged(question, vocabulary))
+        return from_composite(_in_order(question, vocabulary))
     if isinstance(question, tuple):
         return question
     if isinstance(question, logic.Atom):
@@ -80,27 +80,31 @@ def as_expression(question: object, vocabulary: Vocabulary) -> logic.Expression:
         return from_composite(item.expr)
     if not isinstance(item, Function):
         raise InvalidKnowledge(f"{item} has no value; ask for that of a function or expression, as: (battery kenny)")
-    condition = condition_of(item.changed(function_value=None, is_negative=False), vocabulary.domain)
+    condition = as_condition(item.changed(function_value=None, is_negative=False), vocabulary)
     return (cast("logic.Defined", condition).function,)
 
 
-def _arranged(composite: ExprComposite, vocabulary: Vocabulary) -> ExprComposite:
-    """The expression with its functions' arguments in the order of the parameters that they are labelled with (D1)."""
-    if not any(parameter.key for token in composite.tokens for parameter in token.function.typed_parameters):
-        return composite
-    return ExprComposite(tokens=tuple(_arranged_token(token, vocabulary) for token in composite.tokens))
+def _in_order(expression: ExprComposite, vocabulary: Vocabulary) -> ExprComposite:
+    """The expression with the arguments of its functions in the order of the parameters (rules D1, D2)."""
+
+    def arranged(formula: DomainFormula) -> DomainFormula:
+        given = formula.typed_parameters
+        labels = [parameter.key for parameter in given]
+        _, arguments = vocabulary.ordered(KnowledgeType.FUNCTION, formula.name, [p.value for p in given], labels)
+        return formula.changed(typed_parameters=tuple(KeyValue(value=name) for name in arguments))
+
+    tokens = expression.tokens
+    if not any(parameter.key for token in tokens for parameter in token.function.typed_parameters):
+        return expression
+    return expression.changed(
+        tokens=tuple(
+            token.changed(function=arranged(token.function)) if token.expr_type is ExprType.FUNCTION else token
+            for token in tokens
+        )
+    )
 
 
-def _arranged_token(token: ExprBase, vocabulary: Vocabulary) -> ExprBase:
-    given = token.function.typed_parameters
-    if token.expr_type is not ExprType.FUNCTION or not any(parameter.key for parameter in given):
-        return token
-    labels, values = [parameter.key for parameter in given], [parameter.value for parameter in given]
-    name, arguments = vocabulary.ordered(KnowledgeType.FUNCTION, token.function.name, values, labels)
-    return token.model_copy(update={"function": unlabelled(logic.Atom(name, arguments))})
-
-
-def _in_order(item: Fact | Function, vocabulary: Vocabulary) -> Fact | Function:
+def _unlabelled(item: Fact | Function, vocabulary: Vocabulary) -> Fact | Function:
     """Without a domain, labels are those of the symbol's first use (rule D2)."""
     _, arguments = vocabulary.ordered(item.knowledge_type, item.attribute_name, item.arguments, item.labels)
     return type(item).model_validate({**item.model_dump(), "values": list(arguments)})

@@ -24,6 +24,7 @@ from kbstore.logic import (
 )
 from kbstore.messages import KnowledgeType
 from kbstore.names import key
+from kbstore.pddl.forms import parse_condition, parse_item
 from kbstore.timelines import Identity, Role
 from kbstore.vocabulary import Vocabulary
 from kbstore.writing.draft import Draft, Track
@@ -108,6 +109,8 @@ class Checks:
         wrong = names.problem(name)
         if wrong:
             yield f"the name {name!r:.60} {wrong}"
+        elif (kind, key(name)) not in self._vocabulary.shapes and not _can_be_read_back(kind, name, len(arguments)):
+            yield f"{atom:.200} means something else in PDDL; give the {_SYMBOLS[kind]} another name"
         yield from self.objects(atom, arguments, [("object",)] * len(arguments), t)
 
     def condition(self, condition: Condition, t: int, bound: frozenset[str] = frozenset()) -> Iterator[str]:
@@ -174,6 +177,20 @@ class Checks:
         for term in terms:
             if not (term[:1] == "?" and key(term[1:]) in bound):
                 yield from self.objects(term, [term], [("object",)], t)
+
+
+_SYMBOLS = {KnowledgeType.FACT: "predicate", KnowledgeType.FUNCTION: "function"}
+
+
+def _can_be_read_back(kind: KnowledgeType, name: str, arity: int) -> bool:
+    """Whether PDDL text with a symbol that no domain declares says the same again: ``(and a)`` does not (rule D3)."""
+    atom = Atom(name, tuple(f"x{index}" for index in range(arity)))
+    text = str(atom) if kind is KnowledgeType.FACT else f"(= {atom} 0)"
+    try:
+        item = parse_item(text)
+        return item.knowledge_type is kind and (kind is KnowledgeType.FUNCTION or parse_condition(text) == atom)
+    except KbStoreError:
+        return False
 
 
 def violations_of(error: KbStoreError, about: object) -> tuple[str, ...]:

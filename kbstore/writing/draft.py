@@ -211,8 +211,13 @@ class Draft:
         return existences_of(None if base is None else base.value, ahead, self.now)
 
     def drop_mentions(self, track: Track, before: Sequence[Existence], cause: EndCause) -> None:
-        """End and cancel what mentions an object in the time in which it does not exist any more (rule C9)."""
-        lost = lost_time(before, self.existences(track))
+        """End and cancel what mentions an object, from when it does not exist any more to its next start (rule C9)."""
+        after = self.existences(track)
+        # without a domain something may have been scheduled even for a time in which it did not exist
+        lost = [
+            (start, min((existence.start for existence in after if existence.start > start), default=OPEN))
+            for start, _ in lost_time(before, after)
+        ]
         if not lost:
             return
         for mentioning in self.mentioning(track):

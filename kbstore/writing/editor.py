@@ -39,6 +39,7 @@ from kbstore.writing.atom_tracks import AtomTracks
 from kbstore.writing.checks import Checks, naming, violations_of
 from kbstore.writing.draft import Draft, Track
 from kbstore.writing.object_editor import ObjectEditor
+from kbstore.writing.spelling import Spelling
 
 Violations = Sequence[str]
 _NONE: Violations = ()
@@ -54,6 +55,7 @@ class Editor:
         self._repository = repository
         self._vocabulary = vocabulary
         self._checks = Checks(draft, vocabulary)
+        self.spelling = Spelling(vocabulary, self._checks)
         self._atoms = AtomTracks(draft, self._checks, vocabulary)
         self._objects = ObjectEditor(draft, repository, self._checks, vocabulary, on_removed_object)
         self._now = draft.now
@@ -102,11 +104,9 @@ class Editor:
         expression = from_composite(item.expr)
         violations = naming(item, self._checks.expression(expression, t))
         if not violations:
-            identity = Identity(Role.STATE, KnowledgeType.EXPRESSION, METRIC_KEY)
-            text = expression_text(expression)
-            track = self._draft.track(identity, METRIC_KEY)
-            value = (False, item.optimization, text)
-            self._put(track, value, t)
+            track = self._draft.track(Identity(Role.STATE, KnowledgeType.EXPRESSION, METRIC_KEY), METRIC_KEY)
+            text = expression_text(self.spelling.expression(expression))
+            self._put(track, (False, item.optimization, text), t)
         return violations
 
     def _add_fact(self, item: Fact, t: int) -> Violations:
@@ -171,11 +171,13 @@ class Editor:
             formula = condition_of(item.changed(is_negative=False), self._vocabulary.domain)
         except KbStoreError as error:
             return violations_of(error, item)
-        track = self._formula_track(formula, role, KnowledgeType.INEQUALITY, t)
-        if not isinstance(track, Track):
-            return track
-        assert isinstance(formula, Comparison)
-        left, right = expression_text(formula.left), expression_text(formula.right)
+        violations = naming(condition_text(formula), self._checks.condition(formula, t))
+        if violations:
+            return violations
+        spelled = self.spelling.condition(formula)
+        assert isinstance(spelled, Comparison)
+        left, right = expression_text(spelled.left), expression_text(spelled.right)
+        track = self._formula_track(spelled, role, KnowledgeType.INEQUALITY)
         self._put(track, (item.is_negative, int(item.ineq.comparison_type), left, right, True), t)
         return _NONE
 
@@ -184,17 +186,16 @@ class Editor:
             formula = parse_condition(text, self._vocabulary.domain)
         except KbStoreError as error:
             return violations_of(error, text)
-        track = self._formula_track(formula, role, KnowledgeType.EXPRESSION, t)
-        if not isinstance(track, Track):
-            return track
-        self._put(track, (False, "", condition_text(formula)), t)
-        return _NONE
-
-    def _formula_track(self, formula: Formula, role: Role, kind: KnowledgeType, t: int) -> Track | Violations:
-        text = condition_text(formula)
-        violations = naming(text, self._checks.condition(formula, t))
+        violations = naming(condition_text(formula), self._checks.condition(formula, t))
         if violations:
             return violations
+        track = self._formula_track(self.spelling.condition(formula), role, KnowledgeType.EXPRESSION)
+        # variables, too, are spelled as when the condition was first told
+        self._put(track, (False, "", track.timeline.spelling), t)
+        return _NONE
+
+    def _formula_track(self, formula: Formula, role: Role, kind: KnowledgeType) -> Track:
+        text = condition_text(formula)
         return self._draft.track(Identity(role, kind, key(text)), text)
 
     def track_of(self, kind: KnowledgeType, atom: Atom) -> Track:

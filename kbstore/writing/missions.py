@@ -19,7 +19,7 @@ from kbstore.planning.operators import Failing
 from kbstore.planning.projection import Running
 from kbstore.reading.state import State
 from kbstore.record import Applicability, FailingCondition, Run
-from kbstore.timelines import EndCause, Identity
+from kbstore.timelines import EndCause, Identity, Role
 from kbstore.writing.draft import Draft
 from kbstore.writing.editor import Editor
 from kbstore.writing.recorder import Recorder
@@ -67,10 +67,8 @@ class Mission:
         action = _grounded(state, operator, arguments)
         if action.action.durative:
             raise NotApplicable(f"{action} takes time; start() it, and end() it when it is done")
-        if not operators.failing(action, Moment.AT_START, state.snapshot):
-            # a number that an effect cannot be reckoned with has an error of its own
-            found = effects.evaluate(action, Moment.AT_START, state.snapshot)
-        _refuse(action, applicability(state, operator, arguments))
+        found = _at_start(state, action)
+        _refuse(state, action, operators.applicability(action, state.snapshot, at_start=found))
         self._carry_out(editor, found, state)
 
     def start(self, state: State, editor: Editor, operator: str, arguments: Sequence[str], duration: object) -> Run:
@@ -83,18 +81,18 @@ class Mission:
         if running is not None:
             raise NotApplicable(f"{action} runs already, since {clock.isoformat(running.run.started)}; end it first")
         seconds = length / SECOND
-        if not operators.failing(action, Moment.AT_START, state.snapshot, duration=seconds):
-            found = effects.evaluate(action, Moment.AT_START, state.snapshot, duration=seconds)
-            # rates are those at the start, as the at-start effects leave the state
-            world = effects.After(state.snapshot, found)
-            continuous = effects.evaluate(action, Moment.OVER_ALL, world, duration=seconds).rates
-        _refuse(action, applicability(state, operator, arguments, duration=seconds))
+        found = _at_start(state, action, duration=seconds)
+        # rates are those at the start, as the at-start effects leave the state
+        world = effects.After(state.snapshot, found)
+        continuous = effects.evaluate(action, Moment.OVER_ALL, world, duration=seconds).rates
+        _refuse(state, action, operators.applicability(action, state.snapshot, duration=seconds, at_start=found))
         self._carry_out(editor, found, state)
         rates = tuple(
             (editor.track_of(KnowledgeType.FUNCTION, function).timeline, rate) for function, rate in continuous
         )
         self.last_run += 1
-        run = Run(action.action.name, action.arguments, self._draft.now, length, self.last_run)
+        objects = tuple(map(editor.spelling.term, action.arguments))
+        run = Run(action.action.name, objects, self._draft.now, length, self.last_run)
         entry = Running(run, rates)
         self.running.append(entry)
         self._started.append(entry)
@@ -169,6 +167,11 @@ class Mission:
     def _carry_out(self, editor: Editor, found: Effects, state: State) -> None:
         """Deletes before adds, then the numbers; all was evaluated on the state before (rule O2)."""
         draft = self._draft
+        atoms = (*found.deletes, *found.adds)
+        functions = {change.function for change in found.changes}
+        for kind, touched in ((KnowledgeType.FACT, atoms), (KnowledgeType.FUNCTION, functions)):
+            draft.load(Role.STATE, kind, {" ".join((atom.name, *atom.arguments)) for atom in touched})
+            draft.load(Role.STATE, KnowledgeType.INSTANCE, {name for atom in touched for name in atom.arguments})
         for atom in found.deletes:
             track = editor.track_of(KnowledgeType.FACT, atom)
             if state.use_unknowns:
@@ -198,12 +201,20 @@ class Mission:
             recorder.end_run(run.number, run.started, outcome)
 
 
-def applicability(
-    state: State, operator: str, arguments: Sequence[str], *, duration: float | None = None
-) -> Applicability:
+def applicability(state: State, operator: str, arguments: Sequence[str]) -> Applicability:
     """Whether an operator can be applied to a state, and the conditions that fail, each with since when (rule O1)."""
     action = _grounded(state, operator, arguments)
-    return _explained(state, operators.applicability(action, state.snapshot, duration=duration))
+    return _explained(state, operators.applicability(action, state.snapshot))
+
+
+def _at_start(state: State, action: GroundAction, *, duration: float | None = None) -> Effects:
+    """The at-start effects of an action, once its at-start conditions hold; `NotApplicable` where they do not.
+
+    A number that an effect cannot be reckoned with has an error of its own.
+    """
+    if operators.failing(action, Moment.AT_START, state.snapshot, duration=duration):
+        _refuse(state, action, operators.applicability(action, state.snapshot, duration=duration))
+    return effects.evaluate(action, Moment.AT_START, state.snapshot, duration=duration)
 
 
 def _explained(state: State, failing: Sequence[Failing]) -> Applicability:
@@ -231,7 +242,8 @@ def _grounded(state: State, operator: str, arguments: Sequence[str]) -> GroundAc
     return ground(domain, operator, tuple(arguments), state.snapshot)
 
 
-def _refuse(action: GroundAction, applicability: Applicability) -> None:
-    if not applicability:
-        reasons = "\n".join(f"  - {failing}" for failing in applicability.failing)
+def _refuse(state: State, action: GroundAction, failing: Sequence[Failing]) -> None:
+    """Raise `NotApplicable`, with each condition that fails and since when, if there are any."""
+    if failing:
+        reasons = "\n".join(f"  - {condition}" for condition in _explained(state, failing).failing)
         raise NotApplicable(f"{action} is not applicable:\n{reasons}")

@@ -41,12 +41,10 @@ class ObjectEditor:
         violations = self._instance_violations(item)
         if violations:
             return violations
-        domain = self._vocabulary.domain
-        if domain is not None:
-            type_name = domain.type_spelling(type_name)
-        if item.is_negative and t == self._now:
-            return self.remove(item.changed(is_negative=False), [self._checks.object_track(name)], None)
         track = self._checks.object_track(name)
+        if item.is_negative and t == self._now:
+            return self.remove(item.changed(is_negative=False), [track], None)
+        type_name = self._type_spelling(track, type_name)
         before = self._draft.existences(track)
         if item.is_negative:
             standing = next((e.type_name for e in before if e.start < t <= e.end), None)
@@ -66,6 +64,14 @@ class ObjectEditor:
         else:
             self._draft.schedule(track, t, (False, type_name))
         return self._settled_object(track, before)
+
+    def _type_spelling(self, track: Track, type_name: str) -> str:
+        """The type as the domain writes it; without one, as it was first written of the object (rule D3)."""
+        if self._vocabulary.domain is not None:
+            return self._vocabulary.domain.type_spelling(type_name)
+        stored = [row.value for row in (track.latest, *track.stored_ahead.values()) if row is not None]
+        written = [value[1] for value in (*stored, track.value, *track.ahead.values()) if value is not None]
+        return next((str(spelling) for spelling in written if key(spelling) == key(type_name)), type_name)
 
     def _instance_violations(self, item: Instance) -> Violations:
         name, domain = item.instance_name, self._vocabulary.domain
@@ -87,12 +93,12 @@ class ObjectEditor:
     def _ended_now(self, track: Track) -> str | None:
         """The type with which an object existed until exactly now, if it did."""
         latest = track.latest
-        if latest is not None and latest.value[0] and latest.initial_time == self._now:
+        if latest is not None and latest.initial_time == self._now:
             start = self._repository.latest_start(track.timeline, self._now - 1)
             rows = self._repository.history(KnowledgeType.INSTANCE, [track.timeline], start, self._now)
             kept = [row for row in rows if row.end_time == self._now and row.initial_time < self._now]
             return None if not kept or kept[-1].value[0] else str(kept[-1].value[1])
-        if latest is None or latest.initial_time >= self._now or latest.value[0]:
+        if latest is None or latest.value[0]:
             return None
         ends_now = latest.end_time == self._now or (latest.end_time > self._now and track.value is None)
         return str(latest.value[1]) if ends_now else None

@@ -35,7 +35,7 @@ from kbstore.writing.fitting import misfits
 from kbstore.writing.missions import Mission
 from kbstore.writing.preloading import Wanted
 from kbstore.writing.recorder import Recorder
-from kbstore.writing.updates import GOAL_UPDATES, Update, failing, items_of, problem_updates, update_type
+from kbstore.writing.updates import GOAL_UPDATES, Update, failing, items_of, problem_updates, read_update
 
 TOLERANCE = 1_000_000_000
 """How far a clock may be behind the latest recorded time, in nanoseconds (rule T3)."""
@@ -68,6 +68,7 @@ class OpenTransaction:
         self._validate = validate
         self._tolerance = tolerance
         self._is_whole = True
+        self._is_open = False
         self._new_timelines: list[Timeline] = []
         self._guard = guard
         self._contexts = ExitStack()
@@ -77,6 +78,7 @@ class OpenTransaction:
             contexts.enter_context(self._guard())
             self._begin(contexts.enter_context(self._reader.database.writing()))
             self._contexts = contexts.pop_all()
+        self._is_open = True
         return self
 
     def _begin(self, session: Session) -> None:
@@ -125,6 +127,7 @@ class OpenTransaction:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        self._is_open = False
         if kind is not None:
             self._contexts.__exit__(kind, error, trace)
             return
@@ -133,6 +136,11 @@ class OpenTransaction:
             self._store()
         for timeline in self._new_timelines:
             self._reader.cache.put(timeline)
+
+    def _require_open(self) -> None:
+        """Refuse what comes before or after the block: it would be lost in silence."""
+        if not self._is_open:
+            raise Conflict("a transaction is used inside its block only; begin one: with kb.transaction() as tx: ...")
 
     # -- storing ----------------------------------------------------------------------------------------------
 
@@ -189,13 +197,11 @@ class OpenTransaction:
 
     def add(self, *items: object, initial_time: object = None) -> None:
         """Add knowledge to the state; `initial_time` counts for items without one of their own."""
-        t = _time(initial_time)
-        self.update([(UpdateType.ADD_KNOWLEDGE, item) for item in items], initial_time=t)
+        self.update([(UpdateType.ADD_KNOWLEDGE, item) for item in items], initial_time=initial_time)
 
     def remove(self, *items: object, initial_time: object = None) -> None:
         """Remove what stands and matches; with a time after now, cancel what is scheduled for it."""
-        t = _time(initial_time)
-        self.update([(UpdateType.REMOVE_KNOWLEDGE, item) for item in items], initial_time=t)
+        self.update([(UpdateType.REMOVE_KNOWLEDGE, item) for item in items], initial_time=initial_time)
 
     def add_goal(self, *goals: object, initial_time: object = None) -> None:
         """Add to the goal; a conjunction is split into its parts."""
@@ -211,6 +217,7 @@ class OpenTransaction:
 
     def remove_metric(self, *metrics: object, initial_time: object = None) -> None:
         """Remove the metric; if one is given, only if it is that one."""
+        self._require_open()
         if not metrics:
             t = _time(initial_time)
             self._apply([lambda: self._editor.remove_metric(None, t if t > self.now else None)])
@@ -218,12 +225,14 @@ class OpenTransaction:
 
     def update(self, updates: Iterable[tuple[UpdateType | int, object]], *, initial_time: object = None) -> None:
         """Do several updates, in order, all or none."""
+        self._require_open()
         t = _time(initial_time)
         with without_collection():
             self._apply(self._preloaded(updates, t))
 
     def clear(self) -> None:
         """End everything that stands, cancel everything scheduled, abort what runs (rule C12)."""
+        self._require_open()
         self._editor.clear()
         self._mission.abort_all()
 
@@ -231,9 +240,10 @@ class OpenTransaction:
         """The updates as what does them; the timelines that they touch are read at once."""
         read: list[Update] = []
         wanted = Wanted()
-        for number, knowledge in updates:
+        for update in updates:
+            knowledge: object = update
             try:
-                kind = update_type(number)
+                kind, knowledge = read_update(update)
                 items = items_of(kind, knowledge, self._vocabulary)
             except KbStoreError as error:
                 read.append(failing(knowledge, error))
@@ -266,6 +276,7 @@ class OpenTransaction:
 
     def load(self, domain: object = None, problem: object = None, *, replace: bool = False) -> None:
         """Load a domain, and a problem: paths, or PDDL text. `replace` clears first (rules D4, P3)."""
+        self._require_open()
         self._is_whole = False
         with without_collection():
             self._load(domain, problem, replace=replace)
@@ -306,6 +317,7 @@ class OpenTransaction:
 
     def set_sensed(self, name: str, sensed: bool) -> None:
         """Mark a predicate as sensed, or not; a new version of the domain."""
+        self._require_open()
         domain = self._vocabulary.domain
         if domain is None:
             raise InvalidKnowledge(f"{name} cannot be marked as sensed without a domain; load one first")
@@ -340,9 +352,10 @@ class OpenTransaction:
 
     def abort(self, run: Run) -> None:
         """Abort a durative action: only its continuous effects stop."""
-        self._mission.abort(run)
+        self._together(lambda: self._mission.abort(run))
 
     def _together(self, act: Callable[[], None]) -> None:
+        self._require_open()
         copy = self._mission.copy()
 
         def update() -> Sequence[str]:
@@ -359,6 +372,7 @@ class OpenTransaction:
 
     def state(self) -> State:
         """The state at the transaction's now, with what it has written itself."""
+        self._require_open()
         moment = Moment(self.now)
         self._draft.contributions = self._mission.contributions()
         rows: dict[Identity, Row] = {}

@@ -16,13 +16,17 @@ Update = Callable[[], Sequence[str]]
 """Does one update to the draft; returns its violations."""
 
 
-def update_type(kind: UpdateType | int) -> UpdateType:
-    """The kind of an update, also by its number. Raises `InvalidKnowledge` where there is none of that number."""
+def read_update(update: object) -> tuple[UpdateType, object]:
+    """An update as it was given: its kind, and what it tells. Raises `InvalidKnowledge` for anything else."""
     try:
-        return UpdateType(kind)
-    except ValueError:
+        kind, knowledge = update  # type: ignore[misc]
+        return UpdateType(kind), knowledge  # type: ignore[has-type]
+    except (TypeError, ValueError):
         kinds = ", ".join(f"{known.name} {known.value}" for known in UpdateType)
-        raise InvalidKnowledge(f"{kind!r:.80} is no kind of update; it is one of {kinds}") from None
+        raise InvalidKnowledge(
+            f"{update!r:.100} is no update; give pairs like (UpdateType.ADD_KNOWLEDGE, '(visited wp7)'), "
+            f"the first of them one of {kinds}"
+        ) from None
 
 
 def items_of(kind: UpdateType, knowledge: object, vocabulary: Vocabulary) -> Sequence[KnowledgeItem | Condition]:

@@ -139,14 +139,14 @@ SHOWN = ("instances", "facts", "functions", "inequalities", "goals", "metric", "
 
 
 def shown(state):
-    """A state as sorted texts."""
+    """A state as sorted texts; formulas in lower case, as older files hold the names in them as they were typed."""
     return {
         "instances": texts(state.instances),
         "facts": texts(state.facts),
         "functions": texts(state.functions),
-        "inequalities": texts(state.inequalities),
+        "inequalities": [text.lower() for text in texts(state.inequalities)],
         "goals": texts(state.goals),
-        "metric": [str(state.metric)] if state.metric else [],
+        "metric": [str(state.metric).lower()] if state.metric else [],
         "timed_knowledge": sorted(f"{item.initial_time // 10**9} {item}" for item in state.timed_knowledge),
         "running": [f"({' '.join((run.operator, *run.arguments))})" for run in state.running],
     }

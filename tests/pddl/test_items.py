@@ -2,6 +2,7 @@
 
 import pytest
 
+from kbstore.composites import composite_of, unlabelled
 from kbstore.errors import InvalidKnowledge, KbStoreError, PddlSyntaxError
 from kbstore.messages import (
     AssignOp,
@@ -16,7 +17,7 @@ from kbstore.messages import (
     SpecialType,
 )
 from kbstore.pddl.domain_reader import read_domain
-from kbstore.pddl.forms import from_composite, parse_item, to_composite
+from kbstore.pddl.forms import from_composite, parse_item
 
 DOMAIN = read_domain(
     """(define (domain d) (:types robot waypoint)
@@ -192,7 +193,7 @@ class TestMetrics:
     def test_spellings(self, text):
         """A metric, with and without its brackets."""
         item = parse_item(text)
-        assert item == Expression(optimization="minimize", expr=to_composite((SpecialType.TOTAL_TIME,)))
+        assert item == Expression(optimization="minimize", expr=composite_of((SpecialType.TOTAL_TIME,), unlabelled))
 
     def test_maximize(self):
         """The other direction, and the count of a violated preference."""

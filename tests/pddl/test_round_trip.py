@@ -2,10 +2,11 @@
 
 from hypothesis import given, settings
 
+from kbstore.composites import composite_of, unlabelled
 from kbstore.logic import Add, Atom, Change, Delete, Forall, ForEach, Parameter, When
 from kbstore.messages import AssignOp, Function
 from kbstore.pddl.domain_reader import read_domain
-from kbstore.pddl.forms import from_composite, parse_condition, parse_expression, parse_item, to_composite
+from kbstore.pddl.forms import from_composite, parse_condition, parse_expression, parse_item
 from kbstore.pddl.sexpr import Source, node_text
 from kbstore.pddl.text import condition_text, effect_text, expression_text
 from tests.pddl import strategies
@@ -21,8 +22,8 @@ def shape(expression):
 def test_expressions(expression):
     """Expressions survive their text, and their message, to the last bit of each number."""
     assert shape(parse_expression(expression_text(expression))) == shape(expression)
-    assert shape(from_composite(to_composite(expression))) == shape(expression)
-    assert str(to_composite(expression)) == expression_text(expression)
+    assert shape(from_composite(composite_of(expression, unlabelled))) == shape(expression)
+    assert str(composite_of(expression, unlabelled)) == expression_text(expression)
 
 
 @settings(deadline=None)

@@ -155,9 +155,9 @@ class Overlay(Draft):
             self._lose(str(line[2]), _minus(before, self.lifetimes(line[2])))
 
     def _lose(self, name: str, lost: Spans) -> None:
-        """An object does not exist in these spans any more: nothing speaks of it there (rule C9)."""
+        """An object does not exist in these spans any more: nothing speaks of it until its next start (rule C9)."""
         starts = sorted(start for start, _ in self.lifetimes(name))
-        for first, last in lost:
+        for first, _ in lost:
             next_start = min((start for start in starts if start > first), default=FOREVER)
             if first == self.now:
                 for line in [line for line, (item, _) in self.standing.items() if name in item.mentions]:
@@ -165,10 +165,8 @@ class Overlay(Draft):
                     self.causes[line] = "object"
                 self.running = [run for run in self.running if name not in run.start.arguments]
             for line, at in [key for key, item in self.pending.items() if name in item.mentions]:
-                if first <= at < last:
+                if first <= at < next_start:
                     del self.pending[line, at]
-                elif last <= at < next_start:
-                    raise Unsettled("without a domain, knowledge is scheduled where its object does not exist")
 
     def _remove(self, role: str, pattern: Item, at: int) -> None:
         found = list(self.pattern_violations_of(pattern))

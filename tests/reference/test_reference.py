@@ -13,7 +13,6 @@ from tests.reference import (
     Reference,
     Refused,
     Start,
-    Unsettled,
     Update,
 )
 
@@ -237,12 +236,11 @@ def test_a_clock_far_behind_is_refused(kb):
         kb.write(1 * S - 1, [add(LIT)])
 
 
-def test_what_no_rule_decides_is_not_expected():
-    """The reference says so instead of guessing: here, what speaks of an object between its end and its next start."""
+def test_without_a_domain_a_removal_cancels_also_what_is_told_of_the_time_after_an_end():
+    """C9: up to the next start, whether the object would have existed then or not."""
     kb = Reference()
     kb.write(10, [add(A), add(Object("a", "place", positive=False), at=20), add(OPEN, at=30)])
-    with pytest.raises(Unsettled):
-        kb.write(15, [remove(A)])
+    assert kb.write(15, [remove(A)]) == 2
 
 
 def test_the_end_of_what_does_not_exist_changes_nothing_else(kb):

@@ -134,6 +134,37 @@ def test_writing_through_the_knowledge_base_inside_a_transaction_is_an_error(kb)
     assert facts(kb) == []
 
 
+@pytest.mark.parametrize(
+    "act",
+    [
+        lambda tx: tx.add("(open wp0)"),
+        lambda tx: tx.remove("(open wp1)"),
+        lambda tx: tx.update([]),
+        lambda tx: tx.remove_metric(),
+        lambda tx: tx.apply("relight"),
+        lambda tx: tx.clear(),
+        lambda tx: tx.load(None),
+        lambda tx: tx.set_sensed("open", True),
+        lambda tx: tx.abort(None),
+        lambda tx: tx.state(),
+    ],
+    ids=["add", "remove", "update", "remove_metric", "apply", "clear", "load", "set_sensed", "abort", "state"],
+)
+def test_a_transaction_takes_nothing_outside_of_its_block(kb, act):
+    """C1: before it, and after it was left by either way, an update would be lost in silence."""
+    kb.add("(open wp1)")
+    before = facts(kb)
+    with kb.transaction() as left:
+        pass
+    with pytest.raises(ZeroDivisionError), kb.transaction() as failed:
+        failed.add(str(1 / 0))
+    for tx in (kb.transaction(), left, failed):
+        with pytest.raises(kbstore.Conflict, match=r"with kb.transaction\(\) as"):
+            act(tx)
+    assert facts(kb) == before
+    assert not kb.domain.is_sensed("open")
+
+
 def test_expect_refuses_if_another_transaction_came_between(kb):
     """C1: optimistic writing; the transaction that was expected is the latest, or `Conflict`."""
     seen = kb.add("(raining)")
@@ -409,6 +440,15 @@ def test_an_existence_of_no_length_does_not_count(kb, clock):
     kb.remove("box")
     kb.add("box - robot")
     assert "box - robot" in instances(kb)
+
+
+def test_an_existence_told_of_twice_lets_no_other_type_meet_it(kb, clock):
+    """C6: what was scheduled while it stood is the same existence, which no end strictly before has parted."""
+    kb.add("kenny - robot", initial_time=START + 10)
+    clock.set(START + 10)
+    with pytest.raises(kbstore.InvalidKnowledge, match="until then"):
+        kb.update([(REMOVE, item("kenny - robot")), (ADD, item("kenny - place"))])
+    assert "kenny - robot" in instances(kb)
 
 
 def test_adjacent_existences_of_one_type_are_one(kb, clock):

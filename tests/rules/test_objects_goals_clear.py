@@ -72,6 +72,19 @@ def test_a_negative_instance_for_now_is_a_removal(kb, clock):
     assert intervals(kb, "wp0 - place") == [("wp0 - place", START, START + 10, False)]
 
 
+def test_without_a_domain_a_removal_cancels_up_to_the_next_start(bare, clock):
+    """C9: also what was scheduled for a time after an end that lay ahead; what comes after the next start stays."""
+    bare.add("wp0 - place", "(near ghost wp1)")
+    bare.add("(not (wp0 - place))", initial_time=START + 20)
+    bare.add("wp0 - place", initial_time=START + 40)
+    for later in (15, 20, 30, 39, 40):
+        bare.add("(open wp0)", initial_time=START + later)
+    clock.set(START + 10)
+    bare.remove("wp0")
+    told = [(str(fact), fact.initial_time - START) for fact in bare.timed_knowledge("open")]
+    assert told == [("(open wp0)", 40)]
+
+
 def test_without_a_domain_a_removed_object_still_takes_its_facts_with_it(bare, clock):
     """C9: existence is not checked, but an end is an end."""
     bare.add("(open wp0)", "wp0 - place", "(near ghost wp0)", "(near ghost wp1)")

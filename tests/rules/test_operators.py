@@ -4,6 +4,7 @@ import pytest
 
 import kbstore
 from kbstore import Truth, seconds
+from kbstore.storage.repository import Repository
 from tests.conftest import START
 from tests.rules.reading import facts, picture, scheduled, texts
 
@@ -429,6 +430,43 @@ def test_scheduled_knowledge_and_expected_effects_come_in_order_of_time(depot):
     assert "(ready kenny)" in after
     assert "(not (visited wp1))" in after
     assert depot.value("(log)", at=START + seconds(12)) == 110
+
+
+def test_expected_effects_spell_names_as_first_written(open_kb, clock):
+    """O3, D3: objects as they were added, and constants as the domain writes them, as after the end."""
+    kb = open_kb()
+    kb.load(DEPOT.replace("(:types robot place)", "(:types robot place) (:constants Dock - place)"))
+    kb.add("Kenny - robot", "WP0 - place", "(near kenny wp0)", "(ready kenny)", "(lit)")
+    kb.add("(= (battery kenny) 80)", "(= (distance wp0 dock) 20)", "(= (log) 0)")
+    run = kb.start("GOTO", "KENNY", "wp0", "DOCK")
+    assert (run.operator, run.arguments) == ("goto", ("Kenny", "WP0", "Dock"))
+    assert kb.state().running == [run]
+    expected = ["(lit)", "(near Kenny Dock)", "(ready Kenny)", "(visited Dock)"]
+    assert facts(kb, START + seconds(10)) == expected
+    clock.set(START + seconds(10))
+    kb.end(run)
+    assert facts(kb) == expected
+
+
+def test_an_action_reads_all_that_its_effects_touch_at_once(depot, monkeypatch):
+    """O2: applying to many objects asks the store no oftener than applying to a few."""
+    asked = []
+    live = Repository.live
+
+    def counted(self, kind, *arguments):
+        asked.append(kind)
+        return live(self, kind, *arguments)
+
+    monkeypatch.setattr(Repository, "live", counted)
+    depot.add("(broken kenny)", "(broken robby)")
+    asked.clear()
+    depot.apply("reset")
+    for_two = len(asked)
+    robots = [f"r{number}" for number in range(60)]
+    depot.add(*(f"{name} - robot" for name in robots), *(f"(broken {name})" for name in robots))
+    asked.clear()
+    assert depot.apply("reset").changes == 120
+    assert 0 < len(asked) <= for_two
 
 
 def test_what_runs_survives_a_restart(store_url, clock, tmp_path):

@@ -76,6 +76,16 @@ def test_the_narrower_questions_agree_with_the_state(kb, clock):
     assert texts(kb.timed_knowledge("open", at=START)) == ["(open wp1)"]
 
 
+@pytest.mark.parametrize(
+    ("ask", "unknown"),
+    [("propositions", "battery"), ("functions", "open"), ("timed_knowledge", "flying"), ("instances", "dragon")],
+)
+def test_a_list_of_what_the_domain_does_not_know_is_refused(kb, ask, unknown):
+    """V8: whether there is anything to list or not."""
+    with pytest.raises(kbstore.UnknownSymbol, match=unknown):
+        getattr(kb, ask)(unknown)
+
+
 def test_instances_of_a_type(kb):
     """C8: exactly the type, or with its subtypes; constants where asked for."""
     assert texts(kb.instances("place")) == ["wp0 - place", "wp1 - place"]

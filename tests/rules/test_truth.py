@@ -354,6 +354,31 @@ def test_a_query_takes_several_items(kb):
     assert kb.query("(open wp0)").all_true is True
 
 
+def test_a_query_of_conditions_names_those_that_do_not_hold(kb):
+    """V4, V6: a condition is an item of a query like any other, and is named as its text."""
+    kb.add("(open wp0)")
+    true, false = "(or (open wp1) (open wp0))", "(or (open wp1) (not (open wp0)))"
+    result = kb.query(true, "(open wp1)", false, "(forall (?p - place) (open ?p))")
+    assert (result.all_true, list(result.results)) == (False, [True, False, False, False])
+    assert [str(item) for item in result.false_knowledge] == ["(open wp1)", false, "(forall (?p - place) (open ?p))"]
+    assert kb.query(true).false_knowledge == []
+
+
+def test_the_goals_can_be_given_to_a_query(kb):
+    """V6, C10: those that are conditions, too."""
+    kb.add("(open wp0)")
+    kb.add_goal("(and (open wp0) (or (open wp1) (not (open wp0))) (exists (?p - place) (open ?p)) (open wp1))")
+    result = kb.query(*kb.goals())
+    truth = dict(zip(map(str, kb.goals()), result.results, strict=True))
+    assert truth == {
+        "(open wp0)": True,
+        "(open wp1)": False,
+        "(or (open wp1) (not (open wp0)))": False,
+        "(exists (?p - place) (open ?p))": True,
+    }
+    assert {str(item) for item in result.false_knowledge} == {"(open wp1)", "(or (open wp1) (not (open wp0)))"}
+
+
 def test_unknown_is_false_in_a_query(open_world):
     """V6: a result is a bool."""
     assert list(open_world.query("(open wp0)", "(not (open wp0))").results) == [False, False]

@@ -5,11 +5,38 @@ import hashlib
 import pytest
 
 import kbstore
-from kbstore import Expression, Fact, Function, Inequality, Instance, Truth, UpdateType, seconds
+from kbstore import (
+    ComparisonType,
+    DomainFormula,
+    DomainInequality,
+    ExprBase,
+    ExprComposite,
+    Expression,
+    ExprType,
+    Fact,
+    Function,
+    Inequality,
+    Instance,
+    Truth,
+    UpdateType,
+    seconds,
+)
 from tests.conftest import DOMAIN, OBJECTS, START
-from tests.rules.reading import facts, instances, picture, scheduled
+from tests.rules.reading import facts, instances, picture, scheduled, texts
 
 DEEP = 100_000
+
+
+def function_token(name, **values):
+    formula = DomainFormula(name=name, typed_parameters=values)
+    return ExprBase(expr_type=ExprType.FUNCTION, function=formula)
+
+
+def inequality(comparison, left, right):
+    ineq = DomainInequality(
+        comparison_type=comparison, LHS=ExprComposite(tokens=left), RHS=ExprComposite(tokens=right), grounded=True
+    )
+    return Inequality(ineq=ineq)
 
 
 def near(**values):
@@ -78,6 +105,41 @@ def test_labels_may_come_in_any_order(kb):
     assert kb.remove(near(p="wp0", who="?")).changes == 1
 
 
+def test_labels_in_expressions_may_come_in_any_order(kb, clock):
+    """D1: in an inequality, a metric, a goal and an expression that is asked for, as in a fact."""
+    kb.add("(= (distance wp0 wp1) 1)", "(= (distance wp1 wp0) 2)")
+    swapped = function_token("distance", to="wp1", **{"from": "wp0"})
+    distance = ExprComposite(tokens=[swapped])
+    statement = inequality(ComparisonType.EQUALS, [swapped], [ExprBase.of(1)])
+    metric = Expression(optimization="minimize", expr=distance)
+    assert kb.value(distance) == 1
+    assert kb.value(metric) == 1
+    assert kb.holds(statement)
+    kb.add(statement)
+    kb.add_goal(statement)
+    kb.add_metric(metric)
+    state = kb.state()
+    assert texts(state.inequalities) == texts(state.goals) == ["(= (distance wp0 wp1) 1)"]
+    assert str(state.metric) == "minimize (distance wp0 wp1)"
+    (token,) = state.inequalities[0].ineq.LHS.tokens
+    assert [(p.key, p.value) for p in token.function.typed_parameters] == [("from", "wp0"), ("to", "wp1")]
+    assert state.metric.expr == state.inequalities[0].ineq.LHS
+    clock.set(START + 10)
+    assert kb.add(*state.inequalities, state.metric).changes == 0
+    assert kb.remove(statement).changes == kb.remove_goal(statement).changes == kb.remove_metric(metric).changes == 1
+
+
+def test_wrong_labels_in_expressions_are_refused(kb):
+    """D1: said or asked."""
+    wrong = function_token("distance", to="wp1", start="wp0")
+    statement = inequality(ComparisonType.EQUALS, [wrong], [ExprBase.of(1)])
+    for use in (kb.add, kb.add_goal, kb.remove, kb.remove_goal, kb.holds):
+        with pytest.raises(kbstore.InvalidKnowledge, match="start"):
+            use(statement)
+    with pytest.raises(kbstore.InvalidKnowledge, match="start"):
+        kb.value(ExprComposite(tokens=[wrong]))
+
+
 @pytest.mark.parametrize("values", [{"who": "kenny", "where": "wp0"}, {"who": "kenny"}, {"x": "kenny", "y": "wp0"}])
 def test_unknown_or_missing_labels_are_refused(kb, values):
     """D1: the message says which labels the domain has."""
@@ -114,7 +176,7 @@ def walks(kb):
 
 
 @pytest.mark.parametrize("values", [{"from": "wp0", "to": "wp1"}, {"to": "wp1", "from": "wp0"}])
-def test_labels_in_expressions_may_come_in_any_order(walks, values):
+def test_labels_of_functions_in_messages_may_come_in_any_order(walks, values):
     """D1: of the functions that an inequality or a metric reads, in questions and in what is kept."""
     seven = compared(4, 7.0, **values)
     assert walks.truth(seven) is Truth.TRUE
@@ -389,6 +451,14 @@ def test_a_kind_of_update_that_there_is_not_is_refused(kb, kind):
     assert picture(kb) == before
 
 
+@pytest.mark.parametrize("update", [(9, "(raining)"), ("(raining)", 0), "(raining)", (0,), (0, "(raining)", 1), None])
+def test_what_is_no_update_is_refused(kb, update):
+    """D1, C1: with a typed error that names the kinds, and nothing of the others is done."""
+    with pytest.raises(kbstore.InvalidKnowledge, match="ADD_KNOWLEDGE 0"):
+        kb.update([(kbstore.UpdateType.ADD_KNOWLEDGE, "(open wp0)"), update])
+    assert facts(kb) == []
+
+
 @pytest.mark.parametrize("thing", [None, 3, 2.5, b"(raining)", object(), {}, {"knowledge_type": 9}, ["(raining)"]])
 def test_what_is_no_knowledge_at_all_is_refused(kb, thing):
     """D1: with a typed error, everywhere."""
@@ -426,6 +496,54 @@ def test_without_a_domain_a_symbol_keeps_the_arity_of_its_first_use(bare, first,
         bare.add(second)
 
 
+@pytest.mark.parametrize("name", ["and", "NOT", "or", "imply", "exists", "forall", "=", ">", "increase", "minimize"])
+def test_without_a_domain_a_predicate_is_not_named_like_a_word_of_pddl(bare, name):
+    """D3: what is stored can be read back from its text; `(and a)` would be something else."""
+    for use in (bare.add, bare.add_goal):
+        with pytest.raises(kbstore.InvalidKnowledge, match="another name"):
+            use(Fact(attribute_name=name, values=["a", "b"]))
+    assert facts(bare) == []
+
+
+@pytest.mark.parametrize("name", ["+", "*", "/"])
+def test_without_a_domain_a_function_is_not_named_like_an_operator(bare, name):
+    """D3: as predicates are not."""
+    with pytest.raises(kbstore.InvalidKnowledge, match="another name"):
+        bare.add(Function(attribute_name=name, values=["a"], function_value=1))
+
+
+@pytest.mark.parametrize("text", ["(at a b)", "(over a)", "(when a b)", "(within a)", "(3d a)", "(= (total-cost) 0)"])
+def test_without_a_domain_what_can_be_read_back_is_accepted(bare, text):
+    """D3: also where PDDL uses the word elsewhere."""
+    bare.add(text)
+    assert texts((*bare.state().facts, *bare.state().functions)) == [text]
+    assert bare.holds(text)
+
+
+@pytest.mark.parametrize("first", ["(> (f a) 3)", "minimize (f a)"])
+def test_without_a_domain_a_formula_may_be_a_symbols_first_use(bare, first):
+    """D2: what is kept and reads f with one argument is a use of it."""
+    bare.add(first)
+    with pytest.raises(kbstore.InvalidKnowledge, match="1 argument,"):
+        bare.add("(= (f a b) 3)")
+    with pytest.raises(kbstore.InvalidKnowledge, match="1 argument"):
+        bare.add_goal("(or (p) (< (f a b) 3))")
+    bare.add("(= (f a) 3)")
+    bare.add(Function(attribute_name="f", values={"label": "b"}, function_value=4))
+    assert bare.value("(f b)") == 4
+
+
+def test_without_a_domain_labels_are_heeded_in_questions_about_numbers(bare):
+    """D2: those of the first use, in any order."""
+    bare.add(Function(attribute_name="f", values={"x": "a", "y": "b"}, function_value=1))
+    bare.add(Function(attribute_name="f", values={"x": "b", "y": "a"}, function_value=2))
+    assert bare.value(Function(attribute_name="f", values={"y": "b", "x": "a"})) == 1
+    statement = inequality(ComparisonType.EQUALS, [function_token("f", y="b", x="a")], [ExprBase.of(1)])
+    assert bare.holds(statement)
+    bare.add(statement)
+    assert texts(bare.state().inequalities) == ["(= (f a b) 1)"]
+
+
 def test_without_a_domain_a_symbol_keeps_the_labels_of_its_first_use(bare):
     """D2: in their order."""
     bare.add(near(who="kenny", p="wp0"))
@@ -448,6 +566,46 @@ def test_names_are_compared_without_case_and_shown_as_first_written(kb):
     (fact,) = kb.state().facts
     assert fact.arguments == ("Box",)
     assert kb.remove("(tAgged boX)").changes == 1
+
+
+@pytest.mark.parametrize(
+    ("add", "first", "again"),
+    [
+        ("add", "(> (battery Kit) (cost))", "(> (BATTERY kIT) (Cost))"),
+        ("add", "(not (> (battery Kit) 3))", "(NOT (> (battery kit) 3.0))"),
+        ("add_goal", "(> (battery Kit) 3)", "(> (battery KIT) 3)"),
+        ("add_goal", "(or (near Kit home) (raining))", "(OR (Near kit HOME) (RAINING))"),
+        ("add_goal", "(forall (?p - place) (near Kit ?p))", "(forall (?P - PLACE) (near kit ?P))"),
+        ("add_metric", "minimize (battery Kit)", "MINIMIZE (Battery kit)"),
+    ],
+)
+def test_a_formula_in_another_case_is_the_same(kb, clock, add, first, again):
+    """D3, C2: adding it again changes nothing, for now or for later, and it is shown as first written."""
+    kb.add("Kit - robot")
+    later = START + 100
+    assert getattr(kb, add)(again).changes == 1
+    assert getattr(kb, add)(first).changes == 0
+    assert getattr(kb, add)(first, initial_time=later).changes == 1
+    clock.set(START + 10)
+    assert getattr(kb, add)(again, initial_time=later).changes == 0
+    state = kb.state()
+    (shown,) = [str(item) for item in (*state.inequalities, *state.goals, state.metric) if item is not None]
+    assert shown.replace("?P", "?p") == first
+
+
+def test_a_type_in_another_case_is_the_same_without_a_domain(bare, clock):
+    """D3, C2: whether it stands, is scheduled, or is told again after a removal."""
+    later = START + 100
+    bare.add("wp0 - Place")
+    bare.add("wp1 - Place", initial_time=later)
+    clock.set(START + 10)
+    assert bare.add("wp0 - PLACE").changes == 0
+    assert bare.add("wp1 - place", initial_time=later).changes == 0
+    with bare.transaction() as tx:
+        tx.remove("wp0 - place")
+        tx.add("wp0 - place")
+    assert tx.result.changes == 0
+    assert instances(bare, later) == ["wp0 - Place", "wp1 - Place"]
 
 
 def test_case_is_that_of_str_lower(bare):
