@@ -18,6 +18,7 @@ from kbstore.evaluation.when import intervals, unchecked_intervals
 from kbstore.logic import Condition, Not
 from kbstore.messages import KnowledgeType, Truth
 from kbstore.names import key
+from kbstore.pddl.text import condition_text
 from kbstore.planning.projection import Event
 from kbstore.reading.history import History
 from kbstore.reading.pictures import Place
@@ -218,10 +219,12 @@ def since_when(
 ) -> int | None:
     """Since when a condition has been without interruption what it is at a time.
 
-    None where that is as long as history is kept, or where it cannot be told (rule Q4, `NotLinear`). A `guess` that is
-    not too early saves time: history is read from there, and from ever earlier times where that is too late.
+    None where it always was, or where that cannot be told (rule Q4, `NotLinear`). A `guess` that is not too early saves
+    time: history is read from there, and from ever earlier times where that is too late. Raises `HistoryUnavailable`
+    where it has been so for longer than history is kept (rule Q7).
     """
-    begin = repository.head().history_from
+    head = repository.head()
+    begin = head.history_from
     length = max(at - guess, MINUTE)
     while True:
         first = max(begin, at - length)
@@ -232,6 +235,8 @@ def since_when(
         if since > first:
             return since
         if first == begin:
+            if begin:
+                raise reader.archived(f"since when {condition_text(condition)} is {truth.name.lower()}", head)
             return None
         length *= 32
 
