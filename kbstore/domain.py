@@ -196,6 +196,18 @@ class Domain:
         wanted = {key(type_name) for type_name in of}
         return ROOT_TYPE in wanted or any(type_key in wanted for type_key in self.supertypes(name))
 
+    def subtypes(self, of: tuple[str, ...]) -> frozenset[str]:
+        """The keys of some types and of all below them."""
+        found = self._subtypes.get(of)
+        if found is None:
+            known = [*self._type_spellings, ROOT_TYPE]
+            found = self._subtypes[of] = frozenset(name for name in known if self.is_subtype(name, of))
+        return found
+
+    @cached_property
+    def _subtypes(self) -> dict[tuple[str, ...], frozenset[str]]:
+        return {}
+
     # -- operators as messages --------------------------------------------------------------------------------
 
     @cached_property

@@ -83,11 +83,12 @@ class AtomTracks:
 
     def _form(self, kind: KnowledgeType, name: str) -> "_Form | None":
         """How atoms of a symbol of the domain look; None without a domain, or where the symbol is not known."""
-        if self._vocabulary.domain is None or not self._vocabulary.known(kind, name):
+        domain = self._vocabulary.domain
+        if domain is None or not self._vocabulary.known(kind, name):
             return None
         signature = self._vocabulary.signature(kind, name)
         assert signature is not None
-        allowed = tuple(self._checks.subtypes(parameter.types) for parameter in signature.parameters)
+        allowed = tuple(domain.subtypes(parameter.types) for parameter in signature.parameters)
         form = self._forms[kind, key(name)] = _Form(signature.name, signature.labels, allowed)
         return form
 

@@ -40,7 +40,6 @@ class Checks:
         self._draft = draft
         self._vocabulary = vocabulary
         self._domain = vocabulary.domain
-        self._allowed: dict[tuple[str, ...], frozenset[str]] = {}
 
     # -- objects ----------------------------------------------------------------------------------------------
 
@@ -84,18 +83,8 @@ class Checks:
                     missing = "does not exist" + ("" if t <= self._draft.now else f" at {isoformat(t)}")
                     advice = f"add it first, as: {argument} - {allowed[0]}"
                     yield f"{atom}: {argument} {missing}; {_expected(allowed)}; {advice}"
-                elif key(type_name) not in self.subtypes(allowed):
+                elif key(type_name) not in self._domain.subtypes(allowed):
                     yield f"{atom}: {argument} is of type {type_name}; {_expected(allowed)}"
-
-    def subtypes(self, allowed: tuple[str, ...]) -> frozenset[str]:
-        """The keys of some types and of all below them."""
-        subtypes = self._allowed.get(allowed)
-        if subtypes is None:
-            assert self._domain is not None
-            known = [*map(key, self._domain.types), "object"]
-            subtypes = frozenset(name for name in known if self._domain.is_subtype(name, allowed))
-            self._allowed[allowed] = subtypes
-        return subtypes
 
     # -- atoms and conditions ---------------------------------------------------------------------------------
 

@@ -23,6 +23,8 @@ from kbstore.writing.existences import Existence, existences_of, lost_time
 Row = tuple[Timeline, int, Value]
 Mentions = Callable[[Timeline, Value], Sequence[str]]
 
+_GROUPS = tuple((role, kind) for role in Role for kind in KnowledgeType)
+
 
 class Track:
     """One timeline in a transaction: what is stored from now on, and what the transaction makes of it."""
@@ -84,11 +86,9 @@ class Draft:
         self.now = now
         self._repository = repository
         self._mentions = mentions
-        self._groups: dict[tuple[Role, KnowledgeType], dict[str, Track]] = {
-            (role, kind): {} for role in Role for kind in KnowledgeType
-        }
+        self._groups: dict[tuple[Role, KnowledgeType], dict[str, Track]] = {group: {} for group in _GROUPS}
         self._by_id: dict[int, Track] = {}
-        self._absent: dict[tuple[Role, KnowledgeType], set[str]] = {group: set() for group in self._groups}
+        self._absent: dict[tuple[Role, KnowledgeType], set[str]] = {group: set() for group in _GROUPS}
         self._new: list[Track] = []
         self.objects_changed = 0
         """How often the existence of an object has changed in the draft."""

@@ -48,10 +48,12 @@ class Recorder:
         # in the order of their index, which is built in half the time
         mentions = sorted((about.timeline.id, track.timeline.id) for track, about in writes.mentions)
         session.many(queries.add_mention, [(self._kb, about, timeline) for about, timeline in mentions])
-        for kind, statements in queries.for_kind.items():
-            session.many(statements.end, [own | _with_level(row) for row in writes.ends[kind]])
-            session.many(statements.cancel, [own | _with_pending_node(row) for row in writes.cancels[kind]])
-            session.many(statements.settle, [own | _with_level(row) for row in writes.settles[kind]])
+        for kind, rows in writes.ends.items():
+            session.many(queries.for_kind[kind].end, [own | _with_level(row) for row in rows])
+        for kind, rows in writes.cancels.items():
+            session.many(queries.for_kind[kind].cancel, [own | _with_pending_node(row) for row in rows])
+        for kind, rows in writes.settles.items():
+            session.many(queries.for_kind[kind].settle, [own | _with_level(row) for row in rows])
         session.many(queries.settle_rate, [own | row for row in writes.rates])
         for kind, added in writes.adds.items():
             session.many(queries.for_kind[kind].add, [self._row(*row) for row in added])
