@@ -1,6 +1,7 @@
 """Knowledge items from their groups: facts, values and changes of numeric functions, inequalities, objects, metrics."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 from kbstore.composites import composite_of
 from kbstore.domain import Signature
@@ -39,10 +40,13 @@ _ADVICE = (
 def labelled(arguments: tuple[str, ...], signature: Signature | None) -> tuple[KeyValue, ...]:
     """Arguments with the labels of the signature; without one, or if their number does not fit, without labels."""
     labels = signature.labels if signature is not None and len(signature.labels) == len(arguments) else None
-    return tuple(
-        KeyValue.trusted(key=labels[index] if labels else "", value=argument)
-        for index, argument in enumerate(arguments)
-    )
+    return tuple(map(_key_value, labels or ("",) * len(arguments), arguments))
+
+
+@lru_cache(maxsize=50_000)
+def _key_value(label: str, argument: str) -> KeyValue:
+    """A labelled argument; many facts speak of the same objects."""
+    return KeyValue.trusted(key=label, value=argument)
 
 
 def fact_of(atom: Atom, signature: Signature | None, is_negative: bool = False) -> Fact:
@@ -165,28 +169,34 @@ class ItemReader:
 
     def _positive(self, group: Group) -> KnowledgeItem:
         context, word = self.context, group.word(0)
+        words = _all_words(group)
+        if words and group and word not in _RESERVED and "-" not in group[1:2]:
+            # nearly all that there is to read
+            return self._atom(str(group[0]), tuple(group[1:]))  # type: ignore[arg-type]
         if not group:
             raise context.error(f"() is no item; {_ADVICE}", group)
         if word in OPTIMIZATIONS or (word == ":metric" and len(group) > 1):
             return self.metric(group, int(word == ":metric"))
         if word in COMPARISONS:
             return self._compared(group)
-        if word in ASSIGNMENTS and len(group) == 3 and not (_all_words(group) and context.is_predicate(word)):
+        if word in ASSIGNMENTS and len(group) == 3 and not (words and context.is_predicate(word)):
             return self._change(group)
-        if len(group) == 3 and group[1] == "-" and _all_words(group):
+        if len(group) == 3 and group[1] == "-" and words:
             return Instance(instance_name=str(group[0]), instance_type=str(group[2]))
-        if not _all_words(group) and word in _CONDITIONS:
+        if not words and word in _CONDITIONS:
             raise InvalidKnowledge(f"{node_text(group, 60)} is a condition, which is not one item; {_ADVICE}")
         if word == "at" and len(group) == 3 and is_number(group[1]) and isinstance(group[2], Group):
             raise InvalidKnowledge(
                 f"{node_text(group, 60)} belongs into a problem; as an item, say {node_text(group[2], 60)}, and give "
                 "its time as initial_time"
             )
-        name = context.name(group, 0, "predicate")
-        atom = Atom(name, context.words(group, 1))
-        if context.is_function(name):
-            return function_of(atom, self.function(name), None)
-        return fact_of(atom, self.predicate(name))
+        return self._atom(context.name(group, 0, "predicate"), context.words(group, 1))
+
+    def _atom(self, name: str, arguments: tuple[str, ...]) -> KnowledgeItem:
+        """A fact, or the question whether a function is defined."""
+        if self.context.is_function(name):
+            return function_of(Atom(name, arguments), self.function(name), None)
+        return fact_of(Atom(name, arguments), self.predicate(name))
 
     def _compared(self, group: Group) -> KnowledgeItem:
         """``(= (f a) 3)`` is the value of a function; every other comparison is an inequality."""
@@ -242,6 +252,9 @@ def read_metric(context: Context, group: Group, index: int, specials: frozenset[
         )
     return group.word(index), read_expression(context, group, index + 1, specials=specials)
 
+
+_RESERVED = frozenset((*OPTIMIZATIONS, ":metric", *COMPARISONS, *ASSIGNMENTS))
+"""The words by which a group is something else than an atom, even if it has no inner groups."""
 
 _CONDITIONS = ("and", "or", "imply", "forall", "exists", "preference", "when")
 
