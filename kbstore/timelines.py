@@ -59,7 +59,12 @@ class Identity(NamedTuple):
 class Timeline:
     """One timeline; `id` is 0 until it is stored."""
 
-    __slots__ = ("_labelled", "arguments", "id", "key", "keys", "kind", "name", "role", "spelling")
+    __slots__ = ("_labelled", "_words", "id", "key", "keys", "kind", "role", "spelling")
+
+    keys: tuple[str, ...]
+    """The words of the key: of an atom its symbol and its objects."""
+    _words: tuple[str, ...]
+    _labelled: tuple[Sequence[str], tuple[KeyValue, ...]]
 
     def __init__(self, id: int, role: int, kind: int, key: str, spelling: str | None) -> None:
         self.id = id
@@ -68,15 +73,29 @@ class Timeline:
         self.key = key
         """What it is about, as it is compared."""
         self.spelling = key if spelling is None else spelling
-        if self.kind in _ATOMS:
-            self.keys = tuple(key.split(" "))
-            self.name, *arguments = self.spelling.split(" ")
-            self.arguments = tuple(arguments)
-        else:
-            self.keys = (key,)
-            self.name = self.spelling
-            self.arguments = ()
-        self._labelled: tuple[Sequence[str], tuple[KeyValue, ...]] | None = None
+
+    def __getattr__(self, name: str) -> Any:
+        """A slot that is not filled yet: a state has a thousand timelines, and most questions are about one."""
+        if name == "keys":
+            self.keys = self._split(self.key)
+            return self.keys
+        if name == "_words":
+            self._words = self._split(self.spelling)
+            return self._words
+        raise AttributeError(f"a timeline has no {name}")
+
+    def _split(self, text: str) -> tuple[str, ...]:
+        return tuple(text.split(" ")) if self.kind in _ATOMS else (text,)
+
+    @property
+    def name(self) -> str:
+        """The symbol of an atom, as first written; of anything else, all of it."""
+        return self._words[0]
+
+    @property
+    def arguments(self) -> tuple[str, ...]:
+        """The objects of an atom, as first written."""
+        return self._words[1:]
 
     @property
     def identity(self) -> Identity:
@@ -85,7 +104,7 @@ class Timeline:
 
     def labelled(self, labels: Sequence[str]) -> tuple[KeyValue, ...]:
         """The arguments with their labels."""
-        known = self._labelled
+        known: tuple[Sequence[str], tuple[KeyValue, ...]] | None = getattr(self, "_labelled", None)
         if known is not None and known[0] is labels:
             return known[1]
         values = tuple(

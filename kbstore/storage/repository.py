@@ -9,7 +9,7 @@ from kbstore.messages import KnowledgeType
 from kbstore.storage import queries
 from kbstore.storage.interval_tree import path, ranges
 from kbstore.storage.session import Row, Session
-from kbstore.timelines import Identity, Role, Timeline, Value, stored_key
+from kbstore.timelines import Role, Timeline, Value, stored_key
 
 Standing = tuple[Timeline, int, Value]
 """An assertion that stands, or is pending: its timeline, since when (or from when), and what."""
@@ -87,15 +87,15 @@ class TimelineCache:
 
     def __init__(self) -> None:
         self.by_id: dict[int, Timeline] = {}
-        self.by_identity: dict[Identity, Timeline] = {}
+        self.by_key: dict[tuple[Role, KnowledgeType], dict[str, Timeline]] = defaultdict(dict)
 
     def put(self, timeline: Timeline) -> None:
         """Remember a timeline that is committed."""
         if len(self.by_id) >= _CACHED_TIMELINES:
             self.by_id.clear()
-            self.by_identity.clear()
+            self.by_key.clear()
         self.by_id[timeline.id] = timeline
-        self.by_identity[timeline.identity] = timeline
+        self.by_key[timeline.role, timeline.kind][timeline.key] = timeline
 
 
 class Repository:
@@ -166,11 +166,11 @@ class Repository:
 
     def find(self, role: Role, kind: KnowledgeType, keys: Sequence[str]) -> dict[str, Timeline]:
         """The timelines with some keys, as far as they exist."""
-        by_identity = self._cache.by_identity
+        by_key = self._cache.by_key[role, kind]
         found: dict[str, Timeline] = {}
         missing = []
         for key in keys:
-            timeline = by_identity.get(Identity(role, kind, key))
+            timeline = by_key.get(key)
             if timeline is None:
                 # no name that is stored has control characters, and no database takes all of them
                 if key.isprintable():
