@@ -6,6 +6,7 @@ from sqlalchemy import Engine
 from sqlalchemy.engine import URL
 
 from kbstore.clock import Clock, duration
+from kbstore.errors import InvalidKnowledge
 from kbstore.knowledge_base import KnowledgeBase
 from kbstore.storage import queries, schema
 from kbstore.storage.database import Database
@@ -45,8 +46,12 @@ def open(
     Raises:
         SchemaOutOfDate, SchemaTooNew, SchemaUnknown: the database's schema is not this kbstore's.
         StoreUnavailable: the database cannot be reached.
-        InvalidKnowledge: it was created with another `use_unknowns`.
+        InvalidKnowledge: it was created with another `use_unknowns`, or the name cannot be one.
     """
+    if not isinstance(name, str) or not name.strip() or not name.isprintable():
+        raise InvalidKnowledge(
+            f"{name!r:.80} cannot be the name of a knowledge base; give printable text, like 'kenny'"
+        )
     database = Database(url, durability=durability, read_only=read_only, busy_timeout=busy_timeout)
     try:
         with database.translating():

@@ -734,3 +734,13 @@ def test_an_inequality_message_is_checked_like_text(kb):
         kb.add(kbstore.item("(> (battery kenny kenny) 3)"))
     with pytest.raises(kbstore.InvalidKnowledge):
         kb.add(kbstore.item("(> (battery wp0) 3)"), initial_time=START + seconds(1))
+
+
+@pytest.mark.parametrize("name", ["", "  ", "a\nb", "a\x00b", "\ud800", None, 7])
+def test_a_knowledge_base_has_a_name_that_can_be_shown(open_kb, store_url, name):
+    """Whatever else is accepted (spaces, brackets, other scripts), and nothing is made under it."""
+    with pytest.raises(kbstore.InvalidKnowledge, match="give printable text"):
+        kbstore.open(store_url, name)
+    odd = open_kb(f"Küche (2. Stock), {name!r}")
+    odd.add("wp0 - place")
+    assert odd.holds("wp0 - place")
