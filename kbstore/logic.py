@@ -175,6 +175,17 @@ class When:
 
 
 @dataclass(frozen=True, slots=True)
+class WhenAtStart:
+    """A conditional effect of a durative action's end, or a continuous one, whose condition is one of its start.
+
+    The condition is evaluated at the start, in the state before the at-start effects, and counts as it was then.
+    """
+
+    condition: Condition
+    effects: tuple["Effect", ...]
+
+
+@dataclass(frozen=True, slots=True)
 class ForEach:
     """A universal effect: ``forall`` among the effects."""
 
@@ -182,7 +193,7 @@ class ForEach:
     effects: tuple["Effect", ...]
 
 
-Effect = Add | Delete | Change | When | ForEach
+Effect = Add | Delete | Change | When | WhenAtStart | ForEach
 
 
 def atoms_of(expression: Expression) -> Iterator[Atom]:

@@ -21,6 +21,7 @@ from kbstore.logic import (
     ForEach,
     Moment,
     When,
+    WhenAtStart,
     atoms_of,
 )
 from kbstore.messages import AssignOp, ComparisonType, Operator
@@ -138,6 +139,11 @@ class Actions:
                 for own, inner in self._formulas.bound(parameters, scope):
                     for part in parts:
                         yield from self._simple(part, inner, duration, (*variables, *own), conditions)
+            case WhenAtStart():
+                raise InvalidKnowledge(
+                    f"{effect_text(effect)} has no counterpart: the condition of an effect is one of the effect's own "
+                    "moment there; record the condition as a fact at start, and make the effect depend on that fact"
+                )
             case Add() | Delete() | Change():
                 yield _Simple(effect, scope, variables, conditions)
 
@@ -189,7 +195,7 @@ def changed_functions(domain: Domain) -> Iterator[str]:
     todo: list[Effect] = [effect for action in domain.actions.values() for _, effect in action.effects]
     while todo:
         match todo.pop():
-            case When(_, parts) | ForEach(_, parts):
+            case When(_, parts) | WhenAtStart(_, parts) | ForEach(_, parts):
                 todo.extend(parts)
             case Change(_, function, _):
                 yield key(function.name)

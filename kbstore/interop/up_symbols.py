@@ -21,6 +21,7 @@ from kbstore.logic import (
     Parameter,
     Preference,
     When,
+    WhenAtStart,
 )
 from kbstore.names import key
 
@@ -162,7 +163,7 @@ def quantified(formula: Condition | Effect) -> Iterator[str]:
             case ForEach(parameters, effects):
                 yield from (type_name for p in parameters for type_name in p.types)
                 todo.extend(effects)
-            case When(condition, effects):
+            case When(condition, effects) | WhenAtStart(condition, effects):
                 todo.extend((condition, *effects))
             case Not(part) | Preference(_, part):
                 todo.append(part)

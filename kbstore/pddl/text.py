@@ -26,6 +26,7 @@ from kbstore.logic import (
     Token,
     Truism,
     When,
+    WhenAtStart,
 )
 from kbstore.messages import AssignOp, Operator, SpecialType, format_number
 
@@ -63,7 +64,11 @@ def condition_text(condition: Condition) -> str:
 
 
 def effect_text(effect: Effect) -> str:
-    """An effect in PDDL, for instance ``(not (docked ?r))`` or ``(increase (battery ?r) (* #t 2))``."""
+    """An effect in PDDL, for instance ``(not (docked ?r))`` or ``(increase (battery ?r) (* #t 2))``.
+
+    An effect does not say itself when it happens; only a condition of another moment does: ``(when (at start (lit))
+    (seen))`` is an effect at end.
+    """
     return _written(effect)
 
 
@@ -117,6 +122,8 @@ def _pieces(formula: Condition | Effect) -> list[_Piece]:
             return [f"({operation.pddl} {function} {f'(* #t {text})' if operation is AssignOp.ASSIGN_CTS else text})"]
         case When(condition, effects):
             return ["(when ", condition, " ", *_together(effects), ")"]
+        case WhenAtStart(condition, effects):
+            return ["(when (at start ", condition, ") ", *_together(effects), ")"]
         case ForEach(parameters, effects):
             return [f"(forall ({parameters_text(parameters)}) ", *_together(effects), ")"]
 

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from kbstore.logic import And, Condition, Effect, Exists, Forall, ForEach, Moment, Preference, Truism, When
+from kbstore.logic import And, Condition, Effect, Exists, Forall, ForEach, Moment, Preference, Truism, When, WhenAtStart
 from kbstore.pddl.conditions import ConditionReader, conjuncts
 from kbstore.pddl.context import Context, Variables
 from kbstore.pddl.effects import EffectReader
@@ -94,16 +94,39 @@ class TimedReader:
         premise, consequence = self.effects.when(group)
         conditions = list(self.read_conditions(premise, variables, depth + 1))
         effects = list(self.read_effects(consequence, variables, depth + 1))
-        if not effects:
-            return
-        moment = self._one_moment(group, effects)
-        if any(when is not moment for when, _ in conditions):
+        for moment in Moment:
+            parts = tuple(effect for when, effect in effects if when is moment)
+            if parts:
+                yield moment, self._when(group, moment, conditions, parts)
+
+    def _when(
+        self, group: Group, moment: Moment, conditions: Sequence[TimedCondition], parts: tuple[Effect, ...]
+    ) -> Effect:
+        """The effects of one moment on conditions of that moment, of the start, or of both."""
+        self._check_known(group, moment, [when for when, _ in conditions])
+        own = [part for when, part in conditions if when is moment]
+        at_start = [part for when, part in conditions if when is not moment]
+        if not at_start:
+            return When(_joined(own), parts)
+        return WhenAtStart(_joined(at_start), (When(_joined(own), parts),) if own else parts)
+
+    def _check_known(self, group: Group, moment: Moment, asked: Sequence[Moment]) -> None:
+        """Refuse conditions of moments about which nothing is known when the effect happens."""
+        for other in asked:
+            if other in (moment, Moment.AT_START):
+                continue
+            if moment is Moment.AT_END:
+                raise self.context.error(
+                    "an effect at end that depends on a condition over all cannot be read: whether it held all the "
+                    "while is not kept; ask for it at start, at end, or at both",
+                    group,
+                )
+            effect = "a continuous effect" if moment is Moment.OVER_ALL else "an effect at start"
             raise self.context.error(
-                "a conditional effect whose condition is of another moment than its effect cannot be read; "
-                "record the condition as a fact at its moment, and make the effect conditional on that fact",
+                f"{effect} cannot depend on a condition {other.value}, which is known only later; ask for it at start, "
+                "or make the effect one at end",
                 group,
             )
-        yield moment, When(_joined([part for _, part in conditions]), tuple(effect for _, effect in effects))
 
     def _moment(self, group: Group) -> Moment | None:
         """The moment that ``(at start (p))`` speaks of; None of what is none of these, like ``(at kenny wp0)``."""
@@ -116,7 +139,7 @@ class TimedReader:
             raise self.context.error(f"({group[0]} {group[1]} ...) takes one group: {node_text(group, 60)}", group)
         return inner
 
-    def _one_moment(self, group: Group, timed: Sequence[TimedCondition] | Sequence[TimedEffect]) -> Moment:
+    def _one_moment(self, group: Group, timed: Sequence[TimedCondition]) -> Moment:
         moments = {moment for moment, _ in timed}
         if len(moments) != 1:
             raise self.context.error(f"all of ({group.word(0)} ...) has to be of one moment, at start or at end", group)

@@ -25,12 +25,14 @@ from kbstore.logic import (
     Moment,
     Not,
     When,
+    WhenAtStart,
     atoms_of,
 )
 from kbstore.messages import AssignOp, ComparisonType, Operator, Truth
 from kbstore.messages.base import format_number
 from kbstore.names import key
 from kbstore.planning.grounding import GroundAction
+from kbstore.planning.premises import NOTHING, Remembered, premise
 
 
 class NumericChange(NamedTuple):
@@ -61,11 +63,19 @@ class Effects:
     rates: tuple[Rate, ...] = ()
 
 
-def evaluate(ground: GroundAction, moment: Moment, world: Interpretation, *, duration: float | None = None) -> Effects:
+def evaluate(
+    ground: GroundAction,
+    moment: Moment,
+    world: Interpretation,
+    *,
+    duration: float | None = None,
+    remembered: Remembered = NOTHING,
+) -> Effects:
     """The effects of a moment, every condition and right-hand side of which is evaluated on `world`.
 
     Atoms that are both deleted and added are added. Continuous effects are those of `Moment.OVER_ALL`; the rates of
-    several on one function are summed. `duration`, in seconds, is the value of ``?duration``.
+    several on one function are summed. `duration`, in seconds, is the value of ``?duration``. Of the conditions at
+    start of later effects, those in `remembered` were true (`kbstore.planning.premises`).
 
     All of it can be done on `world`: raises `UndefinedFunction` and `DivisionByZero` where a number cannot be had,
     and `InvalidKnowledge` where two effects conflict or a number overflows.
@@ -74,7 +84,7 @@ def evaluate(ground: GroundAction, moment: Moment, world: Interpretation, *, dur
     adds: dict[Atom, None] = {}
     changes: list[NumericChange] = []
     rates: dict[Atom, float] = {}
-    for effect, bindings in _triggered(ground, moment, world, duration):
+    for effect, bindings in _triggered(ground, moment, world, duration, remembered):
         match effect:
             case Delete(atom):
                 deletes[_grounded(atom, bindings, ground)] = None
@@ -119,14 +129,19 @@ def resulting(changes: Iterable[NumericChange], number_at: Callable[[Atom], floa
 
 
 def lacking(
-    ground: GroundAction, moment: Moment, world: Interpretation, *, duration: float | None = None
+    ground: GroundAction,
+    moment: Moment,
+    world: Interpretation,
+    *,
+    duration: float | None = None,
+    remembered: Remembered = NOTHING,
 ) -> list[Condition]:
     """What the numeric effects of a moment need and `world` does not give, as conditions that are not true there.
 
     A function that is changed relative to its value has to be defined, and each right-hand side to have a value.
     """
     needs: dict[Condition, None] = {}
-    for effect, bindings in _triggered(ground, moment, world, duration):
+    for effect, bindings in _triggered(ground, moment, world, duration, remembered):
         if not isinstance(effect, Change):
             continue
         value = tuple(_grounded(t, bindings, ground) if isinstance(t, Atom) else t for t in effect.value)
@@ -222,7 +237,7 @@ class After:
 
 
 def _triggered(
-    ground: GroundAction, moment: Moment, world: Interpretation, duration: float | None
+    ground: GroundAction, moment: Moment, world: Interpretation, duration: float | None, remembered: Remembered
 ) -> Iterator[tuple[Add | Delete | Change, Mapping[str, str]]]:
     """The simple effects of a moment that take place, in their order, each with the objects of its variables.
 
@@ -237,6 +252,9 @@ def _triggered(
         match effect:
             case When(condition, parts):
                 if evaluation.truth(condition, bindings) is Truth.TRUE:
+                    todo.extend((part, bindings) for part in reversed(parts))
+            case WhenAtStart(condition, parts):
+                if premise(condition, bindings) in remembered:
                     todo.extend((part, bindings) for part in reversed(parts))
             case ForEach(parameters, parts):
                 variables = [key(p.name) for p in parameters]

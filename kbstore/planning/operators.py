@@ -12,7 +12,7 @@ from kbstore.logic import Comparison, Condition, Expression, Moment
 from kbstore.messages import ComparisonType, SpecialType, Truth
 from kbstore.messages.base import format_number
 from kbstore.pddl.text import condition_text
-from kbstore.planning import effects
+from kbstore.planning import effects, premises
 from kbstore.planning.effects import Effects
 from kbstore.planning.grounding import GroundAction, ground, with_objects
 
@@ -72,7 +72,9 @@ def applicability(
             at_start = effects.evaluate(ground, Moment.AT_START, world, duration=duration)
         after = effects.After(world, at_start)
         found += failing(ground, Moment.OVER_ALL, after, duration=duration)
-        found += _judged(effects.lacking(ground, Moment.OVER_ALL, after, duration=duration), after, duration)
+        before = premises.remembered(ground, Moment.OVER_ALL, world, duration=duration)
+        needed = effects.lacking(ground, Moment.OVER_ALL, after, duration=duration, remembered=before)
+        found += _judged(needed, after, duration)
     except InvalidKnowledge:
         # effects may conflict just where a condition forbids them, for instance a swap of a thing with itself
         if not found:

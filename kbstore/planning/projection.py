@@ -17,6 +17,7 @@ from kbstore.messages import AssignOp, KnowledgeType
 from kbstore.names import key
 from kbstore.planning import effects
 from kbstore.planning.grounding import ground
+from kbstore.planning.premises import NOTHING, Remembered
 from kbstore.record import Run
 from kbstore.timelines import Identity, Role, Timeline, Value, number_at
 
@@ -24,10 +25,11 @@ Mentions = Callable[[Timeline, Value], Sequence[str]]
 
 
 class Running(NamedTuple):
-    """A run, and what it adds to the rates of functions, per second."""
+    """A run, what it adds to the rates of functions, per second, and what its at-end effects remember of its start."""
 
     run: Run
     rates: tuple[tuple[Timeline, float], ...]
+    remembered: Remembered = NOTHING
 
 
 class Event(NamedTuple):
@@ -110,7 +112,7 @@ class Projection:
         """The at-end effects of a run at its expected end, on the state expected then."""
         run = entry.run
         try:
-            changes = list(self._end_effects(run))
+            changes = list(self._end_effects(entry))
         except KbStoreError:
             # what cannot be carried out then is not expected to be; the action is expected to be aborted
             changes = []
@@ -128,11 +130,13 @@ class Projection:
             elif self._standing.pop(timeline.identity, None) is not None:
                 yield Event(self._now, timeline, None, run)
 
-    def _end_effects(self, run: Run) -> Iterator[tuple[Timeline, Value | None]]:
+    def _end_effects(self, entry: Running) -> Iterator[tuple[Timeline, Value | None]]:
         assert self._domain is not None
+        run = entry.run
         world = Snapshot(self._now, self.rows, self._domain, self._use_unknowns)
         action = ground(self._domain, run.operator, run.arguments, world)
-        found = effects.evaluate(action, Moment.AT_END, world, duration=run.duration / SECOND)
+        seconds = run.duration / SECOND
+        found = effects.evaluate(action, Moment.AT_END, world, duration=seconds, remembered=entry.remembered)
         for atom in found.deletes:
             yield self._timeline(KnowledgeType.FACT, atom), (True,) if self._use_unknowns else None
         for atom in found.adds:

@@ -215,7 +215,8 @@ class Reader:
 
 def as_running(row: RunRow) -> Running:
     """A stored run, as the state knows it."""
-    return Running(Run(row.operator, row.arguments, row.started, row.duration, row.number), row.rates)
+    run = Run(row.operator, row.arguments, row.started, row.duration, row.number)
+    return Running(run, row.rates, row.remembered)
 
 
 def _all_kinds(read: Callable[[KnowledgeType, Moment], Sequence[Row]], at: Moment) -> list[Row]:

@@ -316,7 +316,7 @@ settle_rate = Statement("UPDATE functions SET rate = :rate WHERE id = :id AND kb
 
 # -- runs -----------------------------------------------------------------------------------------------------
 
-_RUN = "SELECT number, operator, arguments, initial_time, duration FROM runs WHERE kb_id = :kb"
+_RUN = "SELECT number, operator, arguments, initial_time, duration, remembered FROM runs WHERE kb_id = :kb"
 _RUN_IN_TREE = _RUN.replace(" WHERE", " BY(ix_runs_node) WHERE")
 
 running = Statement(
@@ -336,8 +336,8 @@ run_rates = Statement(
 )
 
 add_run = Statement(
-    "INSERT INTO runs (kb_id, number, operator, arguments, initial_time, duration, end_time, recorded_tx)"
-    f" VALUES (:kb, :run, :operator, :arguments, :time, :duration, {OPEN}, :number)"
+    "INSERT INTO runs (kb_id, number, operator, arguments, initial_time, duration, remembered, end_time, recorded_tx)"
+    f" VALUES (:kb, :run, :operator, :arguments, :time, :duration, :remembered, {OPEN}, :number)"
 )
 
 add_run_rate = Statement(

@@ -69,7 +69,7 @@ class Present(NamedTuple):
 
 
 class RunRow(NamedTuple):
-    """A stored run of a durative action, with what it adds to which function's rate."""
+    """A stored run of a durative action, with what it adds to which function's rate, and remembers of its start."""
 
     number: int
     operator: str
@@ -77,6 +77,7 @@ class RunRow(NamedTuple):
     started: int
     duration: int
     rates: tuple[tuple[Timeline, float], ...]
+    remembered: frozenset[str]
 
 
 class TimelineCache:
@@ -318,8 +319,9 @@ class Repository:
                 started,
                 duration,
                 tuple((timelines[timeline], rate) for timeline, rate in rates[number]),
+                frozenset(remembered.split("\n") if remembered else ()),
             )
-            for number, operator, arguments, started, duration in rows
+            for number, operator, arguments, started, duration, remembered in rows
         ]
 
     # -- history ----------------------------------------------------------------------------------------------

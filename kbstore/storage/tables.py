@@ -221,6 +221,8 @@ runs = Table(
     Column("arguments", Text, nullable=False),
     Column("initial_time", BigInteger, nullable=False),
     Column("duration", BigInteger, nullable=False),
+    # what effects at its end depend on and was true at its start: conditions in PDDL, one a line
+    Column("remembered", Text),
     Column("end_time", BigInteger, nullable=False),
     Column("outcome", String(7)),
     Column("recorded_tx", BigInteger, nullable=False),

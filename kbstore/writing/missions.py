@@ -12,7 +12,7 @@ from kbstore.logic import Atom, Condition, Moment
 from kbstore.messages import AssignOp, KnowledgeType
 from kbstore.names import key
 from kbstore.pddl.text import condition_text
-from kbstore.planning import effects, operators
+from kbstore.planning import effects, operators, premises
 from kbstore.planning.effects import Effects
 from kbstore.planning.grounding import GroundAction, ground
 from kbstore.planning.operators import Failing
@@ -84,7 +84,11 @@ class Mission:
         found = _at_start(state, action, duration=seconds)
         # rates are those at the start, as the at-start effects leave the state
         world = effects.After(state.snapshot, found)
-        continuous = effects.evaluate(action, Moment.OVER_ALL, world, duration=seconds).rates
+        lasting, ending = (
+            premises.remembered(action, moment, state.snapshot, duration=seconds)
+            for moment in (Moment.OVER_ALL, Moment.AT_END)
+        )
+        continuous = effects.evaluate(action, Moment.OVER_ALL, world, duration=seconds, remembered=lasting).rates
         _refuse(state, action, operators.applicability(action, state.snapshot, duration=seconds, at_start=found))
         self._carry_out(editor, found, state)
         rates = tuple(
@@ -93,7 +97,7 @@ class Mission:
         self.last_run += 1
         objects = tuple(map(editor.spelling.term, action.arguments))
         run = Run(action.action.name, objects, self._draft.now, length, self.last_run)
-        entry = Running(run, rates)
+        entry = Running(run, rates, ending)
         self.running.append(entry)
         self._started.append(entry)
         return run
@@ -108,7 +112,9 @@ class Mission:
         seconds = entry.run.duration / SECOND
         failing = operators.failing(action, Moment.AT_END, state.snapshot, duration=seconds)
         try:
-            found = effects.evaluate(action, Moment.AT_END, state.snapshot, duration=seconds)
+            found = effects.evaluate(
+                action, Moment.AT_END, state.snapshot, duration=seconds, remembered=entry.remembered
+            )
             self._stop(entry, "ended")
             self._carry_out(editor, found, state)
         except (UndefinedFunction, DivisionByZero, InvalidKnowledge) as error:
@@ -193,12 +199,12 @@ class Mission:
 
     def write(self, recorder: Recorder) -> None:
         """Write the runs that begin and end."""
-        for run, rates in self._started:
-            recorder.start_run(run.number, run.operator, run.arguments, run.duration)
+        for run, rates, remembered in self._started:
+            recorder.start_run(run.number, run.operator, run.arguments, run.duration, sorted(remembered))
             for timeline, rate in rates:
                 recorder.run_rate(run.number, timeline, rate)
-        for (run, _), outcome in self._ended:
-            recorder.end_run(run.number, run.started, outcome)
+        for entry, outcome in self._ended:
+            recorder.end_run(entry.run.number, entry.run.started, outcome)
 
 
 def applicability(state: State, operator: str, arguments: Sequence[str]) -> Applicability:

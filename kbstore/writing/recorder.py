@@ -74,8 +74,10 @@ class Recorder:
         for track, id in zip(writes.timelines, ids, strict=True):
             track.timeline.id = id
 
-    def start_run(self, run: int, operator: str, arguments: Sequence[str], duration: int) -> None:
-        """A durative action that runs from now on."""
+    def start_run(
+        self, run: int, operator: str, arguments: Sequence[str], duration: int, remembered: Sequence[str]
+    ) -> None:
+        """A durative action that runs from now on; `remembered` is what its end depends on and is true now."""
         self._session.run(
             queries.add_run,
             {
@@ -85,6 +87,7 @@ class Recorder:
                 "arguments": " ".join(arguments),
                 "time": self._now,
                 "duration": duration,
+                "remembered": "\n".join(remembered) or None,
                 "number": self._number,
             },
         )

@@ -194,6 +194,7 @@ def create_runs() -> None:
         sa.Column("arguments", sa.Text, nullable=False),
         sa.Column("initial_time", sa.BigInteger, nullable=False),
         sa.Column("duration", sa.BigInteger, nullable=False),
+        sa.Column("remembered", sa.Text),
         sa.Column("end_time", sa.BigInteger, nullable=False),
         sa.Column("outcome", sa.String(7)),
         sa.Column("recorded_tx", sa.BigInteger, nullable=False),

@@ -253,6 +253,11 @@ def test_variables_that_hide_others_get_names_of_their_own():
             " :effect (forall (?m - mover) (increase (battery ?m) (* #t 1))))",
             r"\(increase \(battery \?m\)",
         ),
+        (
+            "(:durative-action act :parameters () :duration (<= ?duration 5) :condition ()"
+            " :effect (forall (?p - place) (when (at start (visited ?p)) (at end (assign (speed) 1)))))",
+            r"\(when \(at start \(visited \?p\)\) \(assign \(speed\) 1\)\) has no counterpart.*effect's own moment",
+        ),
         ("(:action act :parameters () :effect (and (assign (speed) 1) (assign (speed) 2)))", "conflict"),
     ],
 )

@@ -18,10 +18,11 @@ DOMAIN = """
     :duration (and (>= ?duration 0) (<= ?duration 100))
     :condition (at start (not (busy ?r)))
     :effect (and (at start (busy ?r)) (at end (not (busy ?r))) (at end (open ?p))
+                 (when (at start (lit)) (at end (near ?r ?p)))
                  (increase (cost) (* #t 2)) (decrease (battery ?r) (* #t 0.5)))))
 """
 
-WIDER = DOMAIN.replace("(lit)", "(lit) (dusty ?p - place)")
+WIDER = DOMAIN.replace("(lit) (open", "(lit) (dusty ?p - place) (open")
 
 OBJECTS = ("a - place", "b - room", "r - robot", "s - robot")
 ATOMS = ("(lit)", "(open a)", "(open b)", "(near r a)", "(near r b)", "(near s a)", "(busy s)")

@@ -244,6 +244,25 @@ def test_what_ran_at_the_time_itself_is_kept(open_kb, clock, archive_path):
         assert len(archive.history("(busy r)")) == 2
 
 
+def test_what_a_run_remembers_of_its_start_is_kept(open_kb, clock, archive_path):
+    """O3, Q7: in the store where it goes on, and in the archive, where its end is expected."""
+    kb = open_kb()
+    kb.load(lives.DOMAIN)
+    kb.add("a - place", "r - robot", "(lit)", "(= (cost) 0)", "(= (battery r) 50)")
+    clock.set(at(11))
+    run = kb.start("work", "r", "a", duration=seconds(30))
+    kb.remove("(lit)")
+    clock.set(at(20))
+    kb.add("(open a)")
+    kb.archive(at(20), archive_path)
+    with kbstore.open(archive_path, kb.name) as archive:
+        assert texts(archive.state().facts) == ["(busy r)"]
+        assert (at(41), "(near r a)") in [(time, str(item)) for time, item, _ in archive.state().end_effects]
+    clock.set(at(41))
+    kb.end(run)
+    assert texts(kb.state().facts) == ["(near r a)", "(open a)"]
+
+
 def test_writing_goes_on(archived, clock):
     """Adding, scheduling, removing and expiry work on what began before as on anything else."""
     clock.set(at(55))

@@ -14,7 +14,7 @@ import kbstore
 from kbstore import InvalidKnowledge, ManualClock, SchemaTooNew, StoreUnavailable, seconds
 from kbstore.storage import transfer
 from kbstore.storage.json_lines import VERSION
-from tests.keeping.lives import START, answers, live
+from tests.keeping.lives import DOMAIN, START, answers, live
 from tests.migration import story
 
 
@@ -89,6 +89,28 @@ def answered(kb):
             continue
         return number
     return None
+
+
+def test_what_a_run_remembers_of_its_start_travels(url, other_url):
+    """O3: an import between the start and the end; the line of the run says what was true, so that one can read it."""
+    clock, name = ManualClock(START), f"on the way from {url[:4]}"
+    with kbstore.open(url, name, clock=clock) as kb:
+        kb.load(DOMAIN)
+        kb.add(
+            "a - place", "r - robot", "s - robot", "(lit)", "(= (cost) 0)", "(= (battery r) 50)", "(= (battery s) 50)"
+        )
+        kb.start("work", "r", "a", duration=seconds(9))
+        kb.remove("(lit)")
+        kb.start("work", "s", "a", duration=seconds(9))
+    text = exported(url, name)
+    lines = [json.loads(line) for line in text.splitlines()]
+    assert [line.get("remembered") for line in lines if line.get("table") == "runs"] == ["(lit)", None]
+    kbstore.import_knowledge_base(other_url, io.BytesIO(text))
+    clock.advance(seconds(10))
+    with kbstore.open(other_url, name, clock=clock) as kb:
+        for run in kb.state().running:
+            kb.end(run)
+        assert [str(fact) for fact in kb.state().facts if fact.attribute_name == "near"] == ["(near r a)"]
 
 
 def test_it_keeps_what_a_knowledge_base_is(sqlite_url, tmp_path):

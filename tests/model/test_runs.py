@@ -55,7 +55,18 @@ SWEEP = RefAction(
     at_end=(Fact("clean", ("0",)), Fact("lit", positive=False)),
     numbers_at_end=(Number("cost", (), 2.0),),
 )
-ACTIONS = (DRIVE, CHARGE, SWEEP)
+GUARD = RefAction(
+    "guard",
+    ("robot", "place"),
+    at_start=(Fact("lit", positive=False), Fact("near", ("0", "1"))),
+    at_end=(Fact("near", ("0", "1"), positive=False),),
+    decided_at_start=(
+        (Fact("lit"), Fact("clean", ("1",))),
+        (Fact("near", ("0", "1"), positive=False), Fact("lit")),
+        (Fact("ready", ("0",)), Fact("near", ("0", "1"))),
+    ),
+)
+ACTIONS = (DRIVE, CHARGE, SWEEP, GUARD)
 
 robots = st.sampled_from(["r", "r", "s"])
 places = st.sampled_from(["a", "a", "b"])
@@ -63,6 +74,7 @@ starts = weighted(
     (3, st.builds(lambda *arguments: (DRIVE, arguments), robots, places)),
     (2, st.builds(lambda *arguments: (CHARGE, arguments), robots)),
     (2, st.builds(lambda *arguments: (SWEEP, arguments), places)),
+    (3, st.builds(lambda *arguments: (GUARD, arguments), robots, places)),
 )
 objects = st.sampled_from([Object("r", "robot"), Object("s", "robot"), Object("a", "place")])
 facts = st.one_of(
@@ -108,6 +120,10 @@ def pddl() -> str:
         conditions += [f"(over all {literal(fact)})" for fact in act.invariants]
         effects = [f"(at start {literal(fact)})" for fact in act.at_start]
         effects += [f"(at end {literal(fact)})" for fact in act.at_end]
+        effects += [
+            f"(when (at start {literal(condition)}) (at end {literal(fact)}))"
+            for condition, fact in act.decided_at_start
+        ]
         effects += [f"(at end ({n.operation} {atom(n.name, n.arguments)} {n.value}))" for n in act.numbers_at_end]
         effects += [f"(increase {atom(*term)} (* #t {rate}))" for term, rate in act.rates]
         return (

@@ -1,4 +1,4 @@
-"""Effects of random shape, compared with an evaluation that is written apart, as plainly as possible (rule O2)."""
+"""Effects of random shape, compared with an evaluation that is written apart, as plainly as possible (rules O2, O3)."""
 
 from fractions import Fraction
 from itertools import product
@@ -19,15 +19,18 @@ from kbstore.logic import (
     Expression,
     Forall,
     ForEach,
+    Moment,
     Not,
     Or,
     Parameter,
     When,
+    WhenAtStart,
 )
 from kbstore.messages import AssignOp, ComparisonType, Operator
 from kbstore.planning.effects import After, evaluate
+from kbstore.planning.premises import remembered
 from tests.evaluation.worlds import World
-from tests.operators.robots import START, action, atom, grounded
+from tests.operators.robots import END, START, action, atom, grounded
 
 PLACES = ("wp0", "wp1", "depot")
 FACTS = ["door", *(f"seen {p}" for p in PLACES), *(f"near {a} {b}" for a, b in product(PLACES, PLACES))]
@@ -74,14 +77,22 @@ changes = st.one_of(
     st.builds(Change, st.sampled_from([AssignOp.ASSIGN, AssignOp.INCREASE, AssignOp.DECREASE]), functions, values),
     st.builds(Change, st.sampled_from([AssignOp.SCALE_UP, AssignOp.SCALE_DOWN]), functions, powers),
 )
-effects = st.recursive(
-    st.one_of(st.builds(Add, atoms), st.builds(Delete, atoms), changes),
-    lambda inner: st.one_of(
-        st.builds(When, conditions, st.lists(inner, max_size=2).map(tuple)),
-        st.builds(ForEach, variables, st.lists(inner, max_size=2).map(tuple)),
-    ),
-    max_leaves=5,
-)
+
+
+def nested(*conditional: type[When | WhenAtStart]) -> st.SearchStrategy[Effect]:
+    """Effects below ``forall`` and conditions of the moments that are given."""
+    return st.recursive(
+        st.one_of(st.builds(Add, atoms), st.builds(Delete, atoms), changes),
+        lambda inner: st.one_of(
+            *(st.builds(kind, conditions, st.lists(inner, max_size=2).map(tuple)) for kind in conditional),
+            st.builds(ForEach, variables, st.lists(inner, max_size=2).map(tuple)),
+        ),
+        max_leaves=5,
+    )
+
+
+some_facts = st.dictionaries(st.sampled_from(FACTS), st.booleans())
+some_numbers = st.dictionaries(st.sampled_from(NUMBERS), st.integers(-4, 4))
 
 # -- the plain evaluation ----------------------------------------------------------------------------------------
 
@@ -146,8 +157,11 @@ def judge(condition: Condition, objects: dict[str, str], state: State) -> float:
             return {True: 1, False: 0, None: absent}[state[0].get(said(fact, objects))]
 
 
-def expected(effects: list[Effect], state: State) -> tuple[dict[str, bool], dict[str, Fraction]]:
-    """Facts and numbers after the effects, from lists of what each one does to the state before."""
+def expected(effects: list[Effect], state: State, start: State) -> tuple[dict[str, bool], dict[str, Fraction]]:
+    """Facts and numbers after the effects, from lists of what each one does to the state before.
+
+    `start` is the state before the start.
+    """
     deleted: set[str] = set()
     added: set[str] = set()
     done: dict[str, list[tuple[str, Fraction]]] = {}
@@ -160,6 +174,10 @@ def expected(effects: list[Effect], state: State) -> tuple[dict[str, bool], dict
                 deleted.add(said(term, objects))
             case When(condition, parts):
                 if judge(condition, objects, state) == 1:
+                    for part in parts:
+                        visit(part, objects)
+            case WhenAtStart(condition, parts):
+                if judge(condition, objects, start) == 1:
                     for part in parts:
                         visit(part, objects)
             case ForEach((parameter,), parts):
@@ -206,33 +224,59 @@ def expected(effects: list[Effect], state: State) -> tuple[dict[str, bool], dict
 # -- the comparison ----------------------------------------------------------------------------------------------
 
 
-@given(
-    st.lists(effects, max_size=4),
-    st.dictionaries(st.sampled_from(FACTS), st.booleans()),
-    st.dictionaries(st.sampled_from(NUMBERS), st.integers(-4, 4)),
-    st.booleans(),
-)
+@given(st.lists(nested(When), max_size=4), some_facts, some_numbers, st.booleans())
 @settings(max_examples=300, deadline=None)
 def test_random_effects_agree_with_a_plain_evaluation(
-    given_effects: list[Effect], facts: dict[str, bool], numbers: dict[str, int], use_unknowns: bool
+    effects: list[Effect], facts: dict[str, bool], numbers: dict[str, int], use_unknowns: bool
 ):
     """O2: whatever the effects, the world after is the same in both; or both refuse."""
-    act = action("p:wp q:wp", effects=[(START, effect) for effect in given_effects])
-    before = World(
+    state = plain(facts, numbers, use_unknowns)
+    compare(effects, START, state, state)
+
+
+@given(
+    st.lists(nested(WhenAtStart, When), max_size=4), some_facts, some_numbers, some_facts, some_numbers, st.booleans()
+)
+@settings(max_examples=300, deadline=None)
+def test_random_effects_of_two_moments_agree_with_a_plain_evaluation(
+    effects: list[Effect],
+    facts_at_start: dict[str, bool],
+    numbers_at_start: dict[str, int],
+    facts: dict[str, bool],
+    numbers: dict[str, int],
+    use_unknowns: bool,
+):
+    """O2, O3: also where conditions are of the start, whatever has changed since then."""
+    start = plain(facts_at_start, numbers_at_start, use_unknowns)
+    compare(effects, END, plain(facts, numbers, use_unknowns), start)
+
+
+def plain(facts: dict[str, bool], numbers: dict[str, int], use_unknowns: bool) -> State:
+    return facts, {function: Fraction(number) for function, number in numbers.items()}, use_unknowns
+
+
+def world_of(state: State) -> World:
+    facts, numbers, use_unknowns = state
+    return World(
         None,
         use_unknowns=use_unknowns,
         objects=dict.fromkeys(PLACES, "wp"),
         facts=facts,
         numbers={function: float(number) for function, number in numbers.items()},
     )
+
+
+def compare(effects: list[Effect], moment: Moment, state: State, start: State) -> None:
+    """Compare the effects of a moment on a state, after a start in another one."""
+    act = grounded(action("p:wp q:wp", effects=[(moment, effect) for effect in effects]), "wp0", "wp1")
+    before = world_of(state)
     try:
-        facts_after, numbers_after = expected(
-            given_effects, (facts, {f: Fraction(n) for f, n in numbers.items()}, use_unknowns)
-        )
+        facts_after, numbers_after = expected(effects, state, start)
     except Refused:
         facts_after, numbers_after = None, None
     try:
-        after = After(before, evaluate(grounded(act, "wp0", "wp1"), START, before))
+        known = remembered(act, moment, world_of(start))
+        after = After(before, evaluate(act, moment, before, remembered=known))
     except KbStoreError:
         assert facts_after is None
         return

@@ -21,6 +21,7 @@ from kbstore.logic import (
     Preference,
     Same,
     When,
+    WhenAtStart,
 )
 from kbstore.messages import AssignOp, ComparisonType, Operator, SpecialType
 from kbstore.pddl.domain_reader import read_domain
@@ -374,6 +375,36 @@ class TestDurativeActions:
             ("(at end (when (p) (q)))", ((END, When(P, (Add(Q),))),)),
             ("(when (at start (p)) (at start (q)))", ((START, When(P, (Add(Q),))),)),
             ("(when (and (at end (p)) (at end (q))) (at end (not (q))))", ((END, When(And((P, Q)), (Delete(Q),))),)),
+            ("(when (at start (p)) (at end (q)))", ((END, WhenAtStart(P, (Add(Q),))),)),
+            (
+                "(when (and (at end (q)) (at start (p)) (at start (not (q)))) (at end (and (p) (not (q)))))",
+                ((END, WhenAtStart(And((P, Not(Q))), (When(Q, (Add(P), Delete(Q))),))),),
+            ),
+            (
+                "(when (at start (p)) (and (at end (q)) (at start (q)) (increase (f) (* #t 2))))",
+                (
+                    (START, When(P, (Add(Q),))),
+                    (ALL, WhenAtStart(P, (Change(AssignOp.ASSIGN_CTS, Atom("f"), (2.0,)),))),
+                    (END, WhenAtStart(P, (Add(Q),))),
+                ),
+            ),
+            (
+                "(when (at end (p)) (forall (?x - robot) (when (at start (at ?x home)) (at end (q)))))",
+                (
+                    (
+                        END,
+                        When(
+                            P,
+                            (
+                                ForEach(
+                                    (Parameter("x", ("robot",)),),
+                                    (WhenAtStart(Atom("at", ("?x", "home")), (Add(Q),)),),
+                                ),
+                            ),
+                        ),
+                    ),
+                ),
+            ),
             (
                 "(forall (?x - robot) (and (at start (p)) (at end (at ?x home)) (at end (q))))",
                 (

@@ -106,13 +106,25 @@ REFUSALS = {
     "not a duration": (DURATIVE + ":duration «(= (f) 5)))", r"\?duration"),
     "duration squared": (DURATIVE + ":duration «(= ?duration ?duration)))", r"\?duration"),
     "not a rate": (DURATIVE + ":duration () :effect «(increase (f) (* #t #t))))", "rate"),
-    "condition at another moment than its effect": (
-        DURATIVE + ":duration () :effect «(when (at start (p)) (at end (p)))))",
-        "another moment",
+    "effect at start that depends on the end": (
+        DURATIVE + ":duration () :effect «(when (and (at start (p)) (at end (p))) (at start (p)))))",
+        "effect at start cannot depend on a condition at end, which is known only later",
     ),
-    "conditional effects of two moments": (
-        DURATIVE + ":duration () :effect «(when (at start (p)) (and (at start (p)) (at end (p))))))",
-        "one moment",
+    "one of several effects at start that depends on the end": (
+        DURATIVE + ":duration () :effect «(when (at end (p)) (and (at end (p)) (at start (p))))))",
+        "effect at start cannot depend on a condition at end",
+    ),
+    "effect at start that depends on the course": (
+        DURATIVE + ":duration () :effect «(when (over all (p)) (at start (p)))))",
+        "effect at start cannot depend on a condition over all, which is known only later",
+    ),
+    "continuous effect that depends on the end": (
+        DURATIVE + ":duration () :effect «(when (at end (p)) (increase (f) (* #t 2)))))",
+        "continuous effect cannot depend on a condition at end, which is known only later",
+    ),
+    "effect at end that depends on the course": (
+        DURATIVE + ":duration () :effect (forall (?x) «(when (over all (p)) (at end (p))))))",
+        "condition over all cannot be read",
     ),
     "rule without a body": (WITH + "«(:derived (d)))", "a rule is"),
     "rule of an unknown predicate": (WITH + "(:derived («e) (p)))", "no predicate e"),

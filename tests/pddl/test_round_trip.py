@@ -83,6 +83,17 @@ def test_effects():
     assert [effect_text(effect) for _, effect in domain.action("b").effects] == ["(increase (f) (* #t (- (f))))"]
 
 
+def test_effects_that_depend_on_the_start():
+    """An effect does not say its own moment, so that only the other one is written."""
+    domain = read_domain(
+        """(define (domain d) (:predicates (p ?x) (q)) (:durative-action a :duration ()
+        :effect (forall (?x) (when (and (at start (and (p ?x) (q))) (at end (not (q)))) (at end (not (p ?x)))))))"""
+    )
+    assert [(moment.value, effect_text(effect)) for moment, effect in domain.action("a").effects] == [
+        ("at end", "(forall (?x - object) (when (at start (and (p ?x) (q))) (when (not (q)) (not (p ?x)))))")
+    ]
+
+
 def test_built_effects():
     """Effects that a program built are written, too."""
     p = Atom("p")

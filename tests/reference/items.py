@@ -190,8 +190,9 @@ class RefDomain:
 class RefAction:
     """A durative action. Its formulas have the places of its parameters ("0", "1") where arguments go.
 
-    A negative fact among the effects is a delete. `rates` are its contributions per second, while it runs, to
-    functions.
+    A negative fact among the effects is a delete. `decided_at_start` are effects at the end, each after the fact that
+    decides by its truth at the start whether it happens. `rates` are the action's contributions per second, while it
+    runs, to functions.
     """
 
     name: str
@@ -200,6 +201,7 @@ class RefAction:
     invariants: tuple[Fact, ...] = ()
     at_start: tuple[Fact, ...] = ()
     at_end: tuple[Fact, ...] = ()
+    decided_at_start: tuple[tuple[Fact, Fact], ...] = ()
     numbers_at_end: tuple[Number, ...] = ()
     rates: tuple[tuple[Term, float], ...] = ()
 

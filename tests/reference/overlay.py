@@ -207,11 +207,17 @@ class Overlay(Draft):
             for (name, places), _ in start.action.rates
         ):
             raise Unsettled("a continuous effect on an undefined function")
+        decided = [
+            effect
+            for pair in start.action.decided_at_start
+            for condition, effect in [start.facts(pair)]
+            if self._holds(condition)
+        ]
         self._affect(start.facts(start.action.at_start), [])
         if not all(map(self._holds, start.facts(start.action.invariants))):
             self.failures.append(Refused("NotApplicable", str(start)))
             return
-        self.running = [*self.running, Running(start, self.now)]
+        self.running = [*self.running, Running(start, self.now, decided)]
 
     def _stop(self, start: Start, with_effects: bool) -> None:
         found = [run for run in self.running if run.start == start]
@@ -221,7 +227,8 @@ class Overlay(Draft):
         self.running = [run for run in self.running if run not in found]
         if with_effects:
             numbers = [replace(n, arguments=start.ground(n.arguments)) for n in start.action.numbers_at_end]
-            self._affect(start.facts(start.action.at_end), numbers)
+            decided = [effect for run in found for effect in run.decided]
+            self._affect([*start.facts(start.action.at_end), *decided], numbers)
 
     def _affect(self, facts: list[Fact], numbers: list[Number]) -> None:
         """Deletes come before adds, then the numeric assignments (rule O2)."""

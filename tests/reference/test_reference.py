@@ -280,6 +280,27 @@ def test_what_runs_moves_its_functions_until_it_ends(kb):
         kb.write(17 * S, [Update("end", START)])
 
 
+def test_what_the_start_decides_happens_at_the_end(kb):
+    """O2, O3: by what was true before the at-start effects, whatever is true at the end."""
+    dark = Fact("lit", positive=False)
+    act = RefAction(
+        "watch",
+        ("robot", "place"),
+        at_start=(dark,),
+        decided_at_start=((LIT, Fact("near", ("0", "1"), positive=False)), (dark, LIT)),
+    )
+    first, second = (Start(act, ("r", "a"), seconds * S) for seconds in (10, 20))
+    kb.write(1 * S, [add(LIT)])
+    kb.write(2 * S, [Update("start", first)])
+    assert facts(kb, 2 * S) == {OPEN, NEAR}
+    assert facts(kb, 12 * S) == {OPEN}
+    kb.write(3 * S, [Update("end", first)])
+    assert facts(kb, 3 * S) == {OPEN}
+    kb.write(4 * S, [Update("start", second), add(NEAR)])
+    kb.write(5 * S, [Update("end", second)])
+    assert facts(kb, 5 * S) == {OPEN, NEAR, LIT}
+
+
 def test_what_runs_is_aborted_with_its_object(kb):
     """O3, C12: at its end, whether scheduled or told."""
     kb.write(1 * S, [add(LIT), add(Number("load", ("r",), 80.0)), add(Number("cost", (), 0.0))])

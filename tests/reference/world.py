@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 
-from tests.reference.items import SECOND, Item, Number, Object, RefDomain, Start, Term, Timeline
+from tests.reference.items import SECOND, Fact, Item, Number, Object, RefDomain, Start, Term, Timeline
 
 
 class Unsettled(Exception):
@@ -25,10 +25,11 @@ class Told:
 
 @dataclass(eq=False)
 class Running:
-    """A durative action that runs, or ran until `ended`."""
+    """A durative action that runs, or ran until `ended`; `decided` are the effects that its start decided upon."""
 
     start: Start
     started: int
+    decided: list[Fact]
     ended: int | None = None
 
     @property
