@@ -12,11 +12,12 @@ _NO_FUNCTION = DomainFormula()
 
 def composite_of(expression: Expression, formula_of: Callable[[Atom], DomainFormula]) -> ExprComposite:
     """The expression as a message; `formula_of` labels the arguments of its functions."""
-    # the same few tokens make up the longest expressions; by type, as the enums' members equal numbers
-    bases: dict[tuple[type, Token], ExprBase] = {}
+    # the same few tokens make up the longest expressions; by type, as the enums' members equal numbers, and numbers as
+    # they are written, as 0 equals -0
+    bases: dict[tuple[type, Token | str], ExprBase] = {}
     found = []
     for token in expression:
-        name = (type(token), token)
+        name = (type(token), repr(token) if isinstance(token, float) else token)
         base = bases.get(name)
         if base is None:
             base = bases[name] = _base(token, formula_of)

@@ -1,10 +1,10 @@
 """What is written is read back equal."""
 
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 
 from kbstore.composites import composite_of, unlabelled
-from kbstore.logic import Add, Atom, Change, Delete, Forall, ForEach, Parameter, When
-from kbstore.messages import AssignOp, Function
+from kbstore.logic import Add, Atom, Change, Comparison, Delete, Forall, ForEach, Parameter, When
+from kbstore.messages import AssignOp, ComparisonType, Function, Operator
 from kbstore.pddl.domain_reader import read_domain
 from kbstore.pddl.forms import from_composite, parse_condition, parse_expression, parse_item
 from kbstore.pddl.sexpr import Source, node_text
@@ -56,6 +56,7 @@ def test_functions(item):
 
 @settings(deadline=None)
 @given(strategies.comparisons())
+@example(Comparison(ComparisonType.GREATER, (Operator.ADD, 0.0, -0.0), (0.0,)))
 def test_inequalities(comparison):
     """Comparisons are items that survive their text."""
     text = condition_text(comparison)
