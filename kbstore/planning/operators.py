@@ -4,19 +4,18 @@ from collections.abc import Iterable, Iterator
 from fractions import Fraction
 
 from kbstore.clock import SECOND, TIME_LIMIT
-from kbstore.errors import DivisionByZero, InvalidKnowledge, UndefinedFunction
+from kbstore.errors import InvalidKnowledge
 from kbstore.evaluation import expressions
 from kbstore.evaluation.conditions import Evaluation
 from kbstore.evaluation.interpretation import Interpretation
 from kbstore.logic import Comparison, Condition, Expression, Moment
 from kbstore.messages import ComparisonType, SpecialType, Truth
-from kbstore.messages.base import format_number
 from kbstore.pddl.text import condition_text
 from kbstore.planning import effects, premises
 from kbstore.planning.effects import Effects
 from kbstore.planning.grounding import GroundAction, ground, with_objects
 
-__all__ = ["Failing", "GroundAction", "applicability", "check_duration", "failing", "fixed_duration", "ground"]
+__all__ = ["Failing", "GroundAction", "applicability", "failing", "fixed_duration", "ground"]
 
 Failing = tuple[Condition, Truth]
 """A condition that fails, and what it is where it was asked for: false, or unknown."""
@@ -88,7 +87,7 @@ def fixed_duration(ground: GroundAction, world: Interpretation) -> int | None:
     Raises `UndefinedFunction` or `DivisionByZero` where it cannot be evaluated, and `InvalidKnowledge` where it is
     negative or beyond the range of times.
     """
-    for comparison, bound in _bounds(ground, Moment.AT_START):
+    for comparison, bound in _bounds(ground):
         if comparison is ComparisonType.EQUALS:
             seconds = expressions.evaluate(bound, world)
             if not 0 <= _nanoseconds(seconds) < TIME_LIMIT:
@@ -100,34 +99,10 @@ def fixed_duration(ground: GroundAction, world: Interpretation) -> int | None:
     return None
 
 
-def check_duration(
-    ground: GroundAction, world: Interpretation, duration: int, moment: Moment = Moment.AT_START
-) -> list[str]:
-    """What is wrong with a duration in nanoseconds by the action's constraints; empty if nothing is.
-
-    Bounds are rounded to the nearest nanosecond. A constraint is a matter of its own moment: ``(at end ...)`` ones are
-    checked with `Moment.AT_END`, on the world in which the action ends.
-    """
-    violations = []
-    for comparison, bound in _bounds(ground, moment):
-        constraint = _text(comparison, bound)
-        try:
-            seconds = expressions.evaluate(bound, world, duration=duration / SECOND)
-        except (UndefinedFunction, DivisionByZero) as error:
-            violations.append(f"{ground}: {constraint} cannot be checked: {error}")
-            continue
-        if not _satisfies(duration, comparison, seconds):
-            violations.append(
-                f"{ground} cannot take {_shown(duration)} s: {constraint}"
-                + (f", which is {format_number(seconds)} s" if len(bound) > 1 or bound[0] != seconds else "")
-            )
-    return violations
-
-
 def _unbounded(ground: GroundAction, world: Interpretation) -> list[Condition]:
     """Why the bounds of the duration have no value, or why the fixed one is no duration."""
     missing: list[Condition] = []
-    for comparison, bound in _bounds(ground, Moment.AT_START):
+    for comparison, bound in _bounds(ground):
         reasons = effects.without_value(bound, world)
         if not reasons and comparison is ComparisonType.EQUALS and expressions.evaluate(bound, world) < 0:
             reasons.append(Comparison(ComparisonType.GREATEREQ, bound, (0.0,)))
@@ -149,26 +124,11 @@ def _failing_without_duration(ground: GroundAction, world: Interpretation) -> li
     return found
 
 
-def _bounds(ground: GroundAction, moment: Moment) -> Iterator[tuple[ComparisonType, Expression]]:
-    """The constraints on ``?duration`` of a moment, with the objects in their places."""
+def _bounds(ground: GroundAction) -> Iterator[tuple[ComparisonType, Expression]]:
+    """The constraints on ``?duration`` at the start, with the objects in their places."""
     for constraint in ground.action.duration:
-        if constraint.moment is moment:
+        if constraint.moment is Moment.AT_START:
             yield constraint.comparison, with_objects(constraint.bound, ground.spellings)
-
-
-def _satisfies(duration: int, comparison: ComparisonType, seconds: float) -> bool:
-    bound = _nanoseconds(seconds)
-    match comparison:
-        case ComparisonType.GREATER:
-            return duration > bound
-        case ComparisonType.GREATEREQ:
-            return duration >= bound
-        case ComparisonType.LESS:
-            return duration < bound
-        case ComparisonType.LESSEQ:
-            return duration <= bound
-        case ComparisonType.EQUALS:
-            return duration == bound
 
 
 def _nanoseconds(seconds: float) -> int:
@@ -177,9 +137,3 @@ def _nanoseconds(seconds: float) -> int:
 
 def _text(comparison: ComparisonType, bound: Expression) -> str:
     return condition_text(Comparison(comparison, (SpecialType.DURATION,), bound))
-
-
-def _shown(duration: int) -> str:
-    """Nanoseconds as seconds, exactly."""
-    whole, rest = divmod(duration, SECOND)
-    return f"{whole}.{rest:09d}".rstrip("0").rstrip(".")

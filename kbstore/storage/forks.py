@@ -13,12 +13,9 @@ import select
 import threading
 import time
 import weakref
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 from kbstore.errors import StoreUnavailable
-
-if TYPE_CHECKING:
-    from kbstore.storage.database import Database
 
 PATIENCE = 1.0
 """Seconds that a fork waits for what other threads do in SQLite, before it goes on without."""
@@ -26,7 +23,21 @@ PATIENCE = 1.0
 _HANDSHAKE = 5.0
 """Seconds that the parent waits for the child to have closed what it inherited."""
 
-_databases: "weakref.WeakSet[Database]" = weakref.WeakSet()
+
+class Connections(Protocol):
+    """The connections to one database, as a fork has to do with them."""
+
+    def hold(self, deadline: float) -> bool:
+        """Before a fork: keep other threads out of SQLite; False if they don't leave it until a deadline."""
+
+    def let_go(self) -> None:
+        """After a fork, in the parent: other threads may go on."""
+
+    def forget_parent(self, *, is_quiet: bool) -> bool:
+        """In the child: leave the parent's connections; False if files that the parent has open could not be closed."""
+
+
+_databases: "weakref.WeakSet[Connections]" = weakref.WeakSet()
 _one_at_a_time = threading.Lock()
 
 
@@ -38,7 +49,7 @@ class _Fork:
     is_unsafe = False
 
 
-def attend(database: "Database") -> None:
+def attend(database: Connections) -> None:
     """Take care of a database's connections when the process forks."""
     _databases.add(database)
 
