@@ -25,7 +25,7 @@ from kbstore.reading.pictures import Place
 from kbstore.reading.questions import Question, as_condition
 from kbstore.reading.reader import Reader
 from kbstore.storage.repository import Recorded, Repository
-from kbstore.timelines import Identity, Role, Timeline, Value
+from kbstore.timelines import Identity, Role, Timeline, Value, atom_key
 from kbstore.vocabulary import Vocabulary
 
 Piece = tuple[int, int, Value, int]
@@ -54,7 +54,7 @@ class StoredCourse:
 
     def signs(self, name: str, arguments: Arguments) -> Sequence[tuple[int, int, bool]]:
         """The pieces in which one fact is said, each with its sign."""
-        pieces = self._of_key(KnowledgeType.FACT, " ".join((name, *arguments)))
+        pieces = self._of_key(KnowledgeType.FACT, atom_key((name, *arguments)))
         return [(start, end, not value[0]) for start, end, value, _ in pieces]
 
     def all_signs(self, name: str) -> Mapping[Arguments, Sequence[tuple[int, int, bool]]]:
@@ -74,7 +74,7 @@ class StoredCourse:
 
     def numbers(self, name: str, arguments: Arguments) -> Sequence[tuple[int, int, Number]]:
         """The pieces in which one numeric function is defined."""
-        pieces = self._of_key(KnowledgeType.FUNCTION, " ".join((name, *arguments)))
+        pieces = self._of_key(KnowledgeType.FUNCTION, atom_key((name, *arguments)))
         return [(start, end, Number(value[1], value[3], since)) for start, end, value, since in pieces]
 
     def existences(self, types: Iterable[str]) -> Mapping[str, Sequence[Span]]:

@@ -17,7 +17,7 @@ from kbstore.reading.reader import Reader
 from kbstore.reading.state import State
 from kbstore.record import Explanation, Transaction
 from kbstore.storage.repository import Moment, Recorded, Repository
-from kbstore.timelines import EndCause, Identity, Role
+from kbstore.timelines import EndCause, Identity, Role, atom_key
 from kbstore.vocabulary import Vocabulary
 
 _ENDED = {
@@ -151,7 +151,7 @@ class Explainer:
         self, repository: Repository, state: State, text: str, truth: Truth, kind: KnowledgeType, atom: logic.Atom
     ) -> Explanation:
         """Why a fact is what it is, or a function defined."""
-        name = " ".join(map(key, (atom.name, *atom.arguments)))
+        name = atom_key([key(name) for name in (atom.name, *atom.arguments)])
         event = self._expected(repository, state, Identity(Role.STATE, kind, name))
         if event is not None and event.run is not None:
             action = f"({' '.join((event.run.operator, *event.run.arguments))})"

@@ -17,7 +17,7 @@ from kbstore.reading.reader import Reader
 from kbstore.storage import queries
 from kbstore.storage.repository import Moment, Repository
 from kbstore.storage.session import Memory, Session
-from kbstore.timelines import Role, Timeline, Value
+from kbstore.timelines import Role, Timeline, Value, atom_key
 from kbstore.vocabulary import Vocabulary
 
 _PREPARED = 50_000
@@ -271,4 +271,4 @@ def _ground(kind: KnowledgeType, atom: Atom, vocabulary: Vocabulary, *, negated:
     if vocabulary.domain is None and (kind, key(atom.name)) not in vocabulary.shapes:
         return None
     name, arguments = vocabulary.ordered(kind, atom.name, atom.arguments, ())
-    return Point(kind, " ".join(map(key, (name, *arguments))), negated=negated, version=version)
+    return Point(kind, atom_key([key(word) for word in (name, *arguments)]), negated=negated, version=version)

@@ -54,6 +54,7 @@ class Database:
         self._read_only = read_only
         self._busy_timeout = busy_timeout
         self._has_one_connection = isinstance(self.engine.pool, StaticPool | SingletonThreadPool)
+        self._file: tuple[int, int] | None = None
         # as its connections tell
         self._is_in_memory = False
         self._is_closed = False
@@ -97,10 +98,13 @@ class Database:
     def _refuse_moved(self, session: Session) -> None:
         """Raise where what is written would go to a file that nobody finds any more; SQLite would not notice."""
         if session.has_moved():
-            raise StoreUnavailable(
-                f"{self._name()} has been moved, deleted or replaced since it was opened; put the file back, or open "
-                "what is there now with kbstore.open()"
-            )
+            raise self._moved()
+
+    def _moved(self) -> StoreUnavailable:
+        return StoreUnavailable(
+            f"{self._name()} has been moved, deleted or replaced since it was opened; put the file back, or open "
+            "what is there now with kbstore.open()"
+        )
 
     def asking(self) -> "_Asking":
         """This thread's session for single statements, each on the latest commit."""
@@ -186,6 +190,7 @@ class Database:
             session = Session(connection, self._name(), self._busy_timeout, path=path, is_alone=is_alone)
             try:
                 session.configure(self._settings(), restore=not self._owns_engine)
+                self._refuse_another_file(session)
                 if session.path is not None and not self._read_only:
                     self._use_write_ahead_log(session.driver)
             except BaseException:
@@ -199,6 +204,13 @@ class Database:
                 self._drop_those_of_dead_threads()
                 self._sessions[threading.get_ident()] = (threading.current_thread(), session)
             return session
+
+    def _refuse_another_file(self, session: Session) -> None:
+        """Raise where another store has taken the file's place: what is known of the first is not true of it."""
+        if self._file is None:
+            self._file = session.file
+        if session.file != self._file:
+            raise self._moved()
 
     @property
     def can_remember(self) -> bool:

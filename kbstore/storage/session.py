@@ -63,6 +63,7 @@ class Session:
         is_lost: whether the connection does not work any more.
         is_local: whether there is no server that could have gone away.
         path: of the file that it has open; None where there is none.
+        file: which file that is, where that can be told.
     """
 
     def __init__(
@@ -90,9 +91,9 @@ class Session:
         self._settings_before: dict[str, Any] = {}
         self._is_closed = False
         opened = self._open_file() if self._sqlite else None
-        self._file = _file_at(opened)
+        self.file = _file_at(opened)
         # a path that is relative, or a URI, may mean another file here; a link is to lead to this one from now on
-        self.path = path if opened is not None and _file_at(path) == self._file else opened
+        self.path = path if opened is not None and _file_at(path) == self.file else opened
 
     # -- statements -------------------------------------------------------------------------------------------
 
@@ -300,7 +301,7 @@ class Session:
 
     def has_moved(self) -> bool:
         """Whether its file is not to be found any more where it was opened; SQLite would not notice."""
-        return self._file is not None and self._file != _file_at(self.path)
+        return self.file is not None and self.file != _file_at(self.path)
 
     def is_alive(self) -> bool:
         """Whether the connection can be used: what a server says unasked, or that it is gone, has arrived by now."""
