@@ -219,7 +219,7 @@ def since_when(
 ) -> int | None:
     """Since when a condition has been without interruption what it is at a time.
 
-    None where it always was, or where that cannot be told (rule Q4, `NotLinear`). A `guess` that is not too early saves
+    0 where it always was, None where that cannot be told (rule Q4, `NotLinear`). A `guess` that is not too early saves
     time: history is read from there, and from ever earlier times where that is too late. Raises `HistoryUnavailable`
     where it has been so for longer than history is kept (rule Q7).
     """
@@ -237,7 +237,7 @@ def since_when(
         if first == begin:
             if begin:
                 raise reader.archived(f"since when {condition_text(condition)} is {truth.name.lower()}", head)
-            return None
+            return 0
         length *= 32
 
 

@@ -208,6 +208,8 @@ def tank(open_kb, clock):
         ("(> (level) 20)", seconds(10), "gauge"),
         ("(busy)", None, None),
         ("(and (busy) (= a b))", None, None),
+        # always so, whatever has been told of what makes it so now
+        ("(imply (seen a) (not (busy)))", None, None),
         ("(= a b)", None, None),
     ],
 )
