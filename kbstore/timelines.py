@@ -122,6 +122,15 @@ _KINDS = tuple(KnowledgeType)
 _ATOMS = frozenset((KnowledgeType.FACT, KnowledgeType.FUNCTION))
 
 
+def atom_key(names: Sequence[str]) -> str:
+    """The key of the timeline of an atom: its symbol and its arguments, each as it is compared.
+
+    Where a name has a space, as none that is stored has, it is a key that no timeline has.
+    """
+    found = " ".join(names)
+    return found if found.count(" ") < len(names) else "\0"
+
+
 def stored_key(key: str) -> str:
     """The key as it is stored: of a very long one, its beginning and a digest, as indexes have a limit."""
     if len(key) <= _LONGEST_KEY:

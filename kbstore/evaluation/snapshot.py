@@ -8,7 +8,7 @@ from kbstore.domain import ROOT_TYPE, Domain
 from kbstore.evaluation.interpretation import Arguments, Number
 from kbstore.messages import KnowledgeType
 from kbstore.names import key
-from kbstore.timelines import Role, Timeline, Value
+from kbstore.timelines import Role, Timeline, Value, atom_key
 
 Row = tuple[Timeline, int, Value]
 
@@ -57,7 +57,7 @@ class Snapshot:
 
     def sign(self, name: str, arguments: Arguments) -> bool | None:
         """True where the fact is asserted, False where it is explicitly false, None where nothing is said."""
-        row = self.row(KnowledgeType.FACT, " ".join((name, *arguments)))
+        row = self.row(KnowledgeType.FACT, atom_key((name, *arguments)))
         return None if row is None else not row[2][0]
 
     def facts(self, name: str) -> Iterable[tuple[Arguments, bool]]:
@@ -66,7 +66,7 @@ class Snapshot:
 
     def number(self, name: str, arguments: Arguments) -> Number | None:
         """The value of a numeric function, None where it is undefined."""
-        row = self.row(KnowledgeType.FUNCTION, " ".join((name, *arguments)))
+        row = self.row(KnowledgeType.FUNCTION, atom_key((name, *arguments)))
         return None if row is None else Number(row[2][1], row[2][3], row[1])
 
     def objects(self, types: Iterable[str]) -> Collection[str]:

@@ -31,6 +31,9 @@ from kbstore.pddl.sexpr import Group, node_text
 
 OPTIMIZATIONS = ("minimize", "maximize")
 
+KNOWN_ARGUMENTS = 50_000
+"""How many labelled arguments are remembered at most; 25 MB or so."""
+
 _ADVICE = (
     "an item is an object (wp7 - waypoint), a fact (visited wp7), a value (= (battery kenny) 80), a change "
     "(increase (battery kenny) 5), an inequality (> (battery kenny) 20) or a metric (minimize (total-time))"
@@ -43,7 +46,7 @@ def labelled(arguments: tuple[str, ...], signature: Signature | None) -> tuple[K
     return tuple(map(_key_value, labels or ("",) * len(arguments), arguments))
 
 
-@lru_cache(maxsize=50_000)
+@lru_cache(maxsize=KNOWN_ARGUMENTS)
 def _key_value(label: str, argument: str) -> KeyValue:
     """A labelled argument; many facts speak of the same objects."""
     return KeyValue.trusted(key=label, value=argument)

@@ -25,7 +25,7 @@ from kbstore.reading.pictures import Place
 from kbstore.reading.questions import Question, as_condition
 from kbstore.reading.reader import Reader
 from kbstore.storage.repository import Recorded, Repository
-from kbstore.timelines import Identity, Role, Timeline, Value
+from kbstore.timelines import Identity, Role, Timeline, Value, atom_key
 from kbstore.vocabulary import Vocabulary
 
 Piece = tuple[int, int, Value, int]
@@ -54,7 +54,7 @@ class StoredCourse:
 
     def signs(self, name: str, arguments: Arguments) -> Sequence[tuple[int, int, bool]]:
         """The pieces in which one fact is said, each with its sign."""
-        pieces = self._of_key(KnowledgeType.FACT, " ".join((name, *arguments)))
+        pieces = self._of_key(KnowledgeType.FACT, atom_key((name, *arguments)))
         return [(start, end, not value[0]) for start, end, value, _ in pieces]
 
     def all_signs(self, name: str) -> Mapping[Arguments, Sequence[tuple[int, int, bool]]]:
@@ -74,7 +74,7 @@ class StoredCourse:
 
     def numbers(self, name: str, arguments: Arguments) -> Sequence[tuple[int, int, Number]]:
         """The pieces in which one numeric function is defined."""
-        pieces = self._of_key(KnowledgeType.FUNCTION, " ".join((name, *arguments)))
+        pieces = self._of_key(KnowledgeType.FUNCTION, atom_key((name, *arguments)))
         return [(start, end, Number(value[1], value[3], since)) for start, end, value, since in pieces]
 
     def existences(self, types: Iterable[str]) -> Mapping[str, Sequence[Span]]:
@@ -219,7 +219,7 @@ def since_when(
 ) -> int | None:
     """Since when a condition has been without interruption what it is at a time.
 
-    None where it always was, or where that cannot be told (rule Q4, `NotLinear`). A `guess` that is not too early saves
+    0 where it always was, None where that cannot be told (rule Q4, `NotLinear`). A `guess` that is not too early saves
     time: history is read from there, and from ever earlier times where that is too late. Raises `HistoryUnavailable`
     where it has been so for longer than history is kept (rule Q7).
     """
@@ -237,7 +237,7 @@ def since_when(
         if first == begin:
             if begin:
                 raise reader.archived(f"since when {condition_text(condition)} is {truth.name.lower()}", head)
-            return None
+            return 0
         length *= 32
 
 

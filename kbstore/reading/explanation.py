@@ -17,7 +17,7 @@ from kbstore.reading.reader import Reader
 from kbstore.reading.state import State
 from kbstore.record import Explanation, Transaction
 from kbstore.storage.repository import Moment, Recorded, Repository
-from kbstore.timelines import EndCause, Identity, Role
+from kbstore.timelines import EndCause, Identity, Role, atom_key
 from kbstore.vocabulary import Vocabulary
 
 _ENDED = {
@@ -117,8 +117,8 @@ class Explainer:
     ) -> Explanation:
         """What the parts that decide a condition come to.
 
-        It is as it is since the latest of them, unless it was the same before that, or became so later: numbers move
-        by the clock, and a quantifier speaks of objects that come and go.
+        It is as it is since the latest of them, unless it was the same before that, perhaps always, or became so
+        later: numbers move by the clock, and a quantifier speaks of objects that come and go.
         """
         since = max((part.since for part in parts if part.since is not None), default=None)
         transaction = next((part.transaction for part in parts if part.since == since and since is not None), None)
@@ -126,7 +126,10 @@ class Explainer:
         if state.belief is None and not is_constant:
             guess = state.at if since is None else since
             turned = since_when(self._reader, self._history, repository, condition, truth, state.at, guess=guess)
-            if turned is not None and since is not None and turned < since:
+            if turned == 0:
+                # whatever has been told of what decides it now
+                since = transaction = None
+            elif turned is not None and since is not None and turned < since:
                 # what decides it now was told later; it was the same by what was told before
                 first = self._reader.state(repository, self._reader.place(repository, turned))
                 since, transaction = turned, self._condition(repository, first, condition).transaction
@@ -151,7 +154,7 @@ class Explainer:
         self, repository: Repository, state: State, text: str, truth: Truth, kind: KnowledgeType, atom: logic.Atom
     ) -> Explanation:
         """Why a fact is what it is, or a function defined."""
-        name = " ".join(map(key, (atom.name, *atom.arguments)))
+        name = atom_key([key(name) for name in (atom.name, *atom.arguments)])
         event = self._expected(repository, state, Identity(Role.STATE, kind, name))
         if event is not None and event.run is not None:
             action = f"({' '.join((event.run.operator, *event.run.arguments))})"

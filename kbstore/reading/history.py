@@ -17,7 +17,7 @@ from kbstore.reading.questions import as_item
 from kbstore.reading.reader import Reader
 from kbstore.record import Assertion, Change, Transaction
 from kbstore.storage.repository import Head, Moment, Recorded, Repository
-from kbstore.timelines import METRIC_KEY, Role, Timeline
+from kbstore.timelines import METRIC_KEY, Role, Timeline, atom_key
 from kbstore.vocabulary import Vocabulary
 
 BATCH = 256
@@ -134,7 +134,7 @@ class History:
     @staticmethod
     def _atoms(repository: Repository, kind: KnowledgeType, wanted: Sequence[str]) -> list[Timeline]:
         if not any(map(is_wildcard, wanted)):
-            return list(repository.find(Role.STATE, kind, [" ".join(wanted)]).values())
+            return list(repository.find(Role.STATE, kind, [atom_key(wanted)]).values())
         return [
             timeline
             for timeline in repository.of_symbol(Role.STATE, kind, wanted[0])

@@ -8,7 +8,7 @@ from kbstore.evaluation.snapshot import Row, Snapshot
 from kbstore.messages import KnowledgeType
 from kbstore.names import key
 from kbstore.storage.repository import Moment, Repository
-from kbstore.timelines import Role
+from kbstore.timelines import Role, atom_key
 
 
 class LazyWorld:
@@ -24,7 +24,7 @@ class LazyWorld:
 
     def sign(self, name: str, arguments: Arguments) -> bool | None:
         """True where the fact is asserted, False where it is explicitly false, None where nothing is said."""
-        row = self._row(KnowledgeType.FACT, " ".join((name, *arguments)))
+        row = self._row(KnowledgeType.FACT, atom_key((name, *arguments)))
         return None if row is None else not row[2][0]
 
     def facts(self, name: str) -> Iterable[tuple[Arguments, bool]]:
@@ -33,7 +33,7 @@ class LazyWorld:
 
     def number(self, name: str, arguments: Arguments) -> Number | None:
         """The value of a numeric function, None where it is undefined."""
-        row = self._row(KnowledgeType.FUNCTION, " ".join((name, *arguments)))
+        row = self._row(KnowledgeType.FUNCTION, atom_key((name, *arguments)))
         return None if row is None else Number(row[2][1], row[2][3], row[1])
 
     def objects(self, types: Iterable[str]) -> Collection[str]:

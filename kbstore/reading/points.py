@@ -17,7 +17,7 @@ from kbstore.reading.reader import Reader
 from kbstore.storage import queries
 from kbstore.storage.repository import Moment, Repository
 from kbstore.storage.session import Memory, Session
-from kbstore.timelines import Role, Timeline, Value
+from kbstore.timelines import Role, Timeline, Value, atom_key
 from kbstore.vocabulary import Vocabulary
 
 _PREPARED = 50_000
@@ -68,7 +68,7 @@ class Points:
         self._reader = reader
         self._database = reader.database
         self._clock = reader.clock
-        self._caching = caching and reader.database.dialect == "sqlite"
+        self._caching = caching and reader.database.can_remember
         self._prepared: dict[object, tuple[Question, Point | None]] = {}
 
     def truth(self, question: Question, at: object) -> Truth | None:
@@ -213,8 +213,8 @@ class Points:
             except KbStoreError:
                 # refused with the right words where it is asked as any other question
                 point = None
-            if point is None and vocabulary.domain is None:
-                # what a symbol means may become known
+            if vocabulary.domain is None and (point is None or _has_new_labels(question, vocabulary)):
+                # what it asks may be another thing once more has been told (rule D2)
                 return None
         else:
             point = known[1]
@@ -231,6 +231,9 @@ class Points:
         match condition:
             case Atom() if vocabulary.domain is None or not vocabulary.domain.is_derived(condition.name):
                 return _ground(KnowledgeType.FACT, condition, vocabulary, negated=negated, version=version)
+            case Defined() if vocabulary.domain is None and isinstance(question, str):
+                # as long as there is no predicate of that name
+                return None
             case Defined(function):
                 return _ground(KnowledgeType.FUNCTION, function, vocabulary, negated=negated, version=version)
         return None
@@ -254,10 +257,18 @@ def _make_room(remembered: dict[Any, Any]) -> None:
         remembered.clear()
 
 
+def _has_new_labels(question: Question, vocabulary: Vocabulary) -> bool:
+    """Whether an item has labels whose order is not known yet."""
+    if not isinstance(question, Fact | Function) or not any(question.labels):
+        return False
+    shape = vocabulary.shapes.get((question.knowledge_type, question.key[0]))
+    return shape is None or shape.labels is None
+
+
 def _ground(kind: KnowledgeType, atom: Atom, vocabulary: Vocabulary, *, negated: bool, version: int) -> Point | None:
     if any(map(is_wildcard, atom.arguments)):
         return None
     if vocabulary.domain is None and (kind, key(atom.name)) not in vocabulary.shapes:
         return None
     name, arguments = vocabulary.ordered(kind, atom.name, atom.arguments, ())
-    return Point(kind, " ".join(map(key, (name, *arguments))), negated=negated, version=version)
+    return Point(kind, atom_key([key(word) for word in (name, *arguments)]), negated=negated, version=version)

@@ -53,9 +53,10 @@ class Database:
         self._durability = durability
         self._read_only = read_only
         self._busy_timeout = busy_timeout
-        self._is_in_memory = isinstance(self.engine.pool, StaticPool | SingletonThreadPool)
-        is_file = self.dialect == "sqlite" and not self._is_in_memory
-        self._path = os.path.abspath(self.engine.url.database or "") if is_file else None
+        self._has_one_connection = isinstance(self.engine.pool, StaticPool | SingletonThreadPool)
+        self._file: tuple[int, int] | None = None
+        # as its connections tell
+        self._is_in_memory = False
         self._is_closed = False
         self._shared: Session | None = None
         self._local = threading.local()
@@ -96,21 +97,14 @@ class Database:
 
     def _refuse_moved(self, session: Session) -> None:
         """Raise where what is written would go to a file that nobody finds any more; SQLite would not notice."""
-        if session.file is not None and session.file != self._file():
-            raise StoreUnavailable(
-                f"{self._name()} has been moved, deleted or replaced since it was opened; put the file back, or open "
-                "what is there now with kbstore.open()"
-            )
+        if session.has_moved():
+            raise self._moved()
 
-    def _file(self) -> tuple[int, int] | None:
-        """Which file is at the store's path now."""
-        if self._path is None:
-            return None
-        try:
-            found = os.stat(self._path)
-        except OSError:
-            return None
-        return found.st_dev, found.st_ino
+    def _moved(self) -> StoreUnavailable:
+        return StoreUnavailable(
+            f"{self._name()} has been moved, deleted or replaced since it was opened; put the file back, or open "
+            "what is there now with kbstore.open()"
+        )
 
     def asking(self) -> "_Asking":
         """This thread's session for single statements, each on the latest commit."""
@@ -123,22 +117,24 @@ class Database:
 
     def recall(self) -> Memory | None:
         """What this thread's session remembers, if it can be told at once that nobody has committed since."""
-        session: Session | None = self._shared if self._is_in_memory else getattr(self._local, "session", None)
+        session: Session | None = self._shared if self._has_one_connection else getattr(self._local, "session", None)
         if session is None or self._is_closed or self._is_forking or not session.lock.acquire(blocking=False):
             return None
         try:
             return session.recall()
         finally:
-            if self._is_closed and not session.uses:
-                self._drop(session)
             session.lock.release()
+            if self._is_closed:
+                self._drop_unused(session)
 
     # -- sessions ---------------------------------------------------------------------------------------------
 
     def take(self) -> Session:
         """This thread's session, opened where there is none; to be given back."""
         while True:
-            session: Session | None = self._shared if self._is_in_memory else getattr(self._local, "session", None)
+            session: Session | None = (
+                self._shared if self._has_one_connection else getattr(self._local, "session", None)
+            )
             if session is None or self._is_closed:
                 session = self._open()
             if self._is_forking and not session.uses:
@@ -160,9 +156,24 @@ class Database:
     def give_back(self, session: Session) -> None:
         """Done with a session; one that is lost, or of a store that was closed meanwhile, is dropped."""
         session.uses -= 1
-        if not session.uses and (session.is_lost or self._is_closed):
+        if session.is_lost and not session.uses:
             self._drop(session)
         session.lock.release()
+        if self._is_closed:
+            # not before: who closes at that very moment would find it locked, and leave it open
+            self._drop_unused(session)
+
+    def _drop_unused(self, session: Session) -> bool:
+        """Drop a session that nobody uses; False if somebody does, who is to do so when done."""
+        if not session.lock.acquire(blocking=False):
+            return False
+        try:
+            if session.uses:
+                return False
+            self._drop(session)
+            return True
+        finally:
+            session.lock.release()
 
     def _open(self) -> Session:
         """Connect."""
@@ -175,24 +186,36 @@ class Database:
                 forks.refuse_unsafe()
             with self.translating():
                 connection = self.engine.connect().execution_options(isolation_level="AUTOCOMMIT")
-            session = Session(
-                connection, self._name(), self._busy_timeout, path=self._path, is_alone=self._is_private_memory()
-            )
+            path, is_alone = os.path.abspath(self.engine.url.database or ""), self._is_private_memory()
+            session = Session(connection, self._name(), self._busy_timeout, path=path, is_alone=is_alone)
             try:
                 session.configure(self._settings(), restore=not self._owns_engine)
-                if self.dialect == "sqlite" and not self._is_in_memory and not self._read_only:
+                self._refuse_another_file(session)
+                if session.path is not None and not self._read_only:
                     self._use_write_ahead_log(session.driver)
             except BaseException:
                 session.close(give_back=not self._owns_engine)
                 raise
-            if self._is_in_memory:
+            self._is_in_memory = session.is_local and session.path is None
+            if self._has_one_connection:
                 self._shared = session
             else:
-                session.file = self._file()
                 self._local.session = session
                 self._drop_those_of_dead_threads()
                 self._sessions[threading.get_ident()] = (threading.current_thread(), session)
             return session
+
+    def _refuse_another_file(self, session: Session) -> None:
+        """Raise where another store has taken the file's place: what is known of the first is not true of it."""
+        if self._file is None:
+            self._file = session.file
+        if session.file != self._file:
+            raise self._moved()
+
+    @property
+    def can_remember(self) -> bool:
+        """Whether sessions can tell that nobody has committed: on SQLite, if none shares its connection with others."""
+        return self.dialect == "sqlite" and (self._owns_engine or not self._has_one_connection)
 
     def _is_private_memory(self) -> bool:
         """Whether the store is in memory, where only this object's connection can reach it."""
@@ -260,17 +283,8 @@ class Database:
                 return
             self._is_closed = True
             sessions = self._open_sessions()
-        in_use = False
-        for session in sessions:
-            if session.lock.acquire(blocking=False):
-                try:
-                    if not session.uses:
-                        self._drop(session)
-                        continue
-                finally:
-                    session.lock.release()
-            in_use = True
-        if self._owns_engine and not in_use:
+        dropped = [self._drop_unused(session) for session in sessions]
+        if self._owns_engine and all(dropped):
             self.engine.dispose()
 
     def _open_sessions(self) -> list[Session]:
@@ -319,6 +333,7 @@ class Database:
         self.engine.dispose(close=closing)
         self._local = threading.local()
         self._sessions = {}
+        self._shared = None
         self._opening = threading.RLock()
         self._held = []
         self._is_forking = False

@@ -249,6 +249,7 @@ class Repository:
 
     @cached_property
     def _present(self) -> dict[KnowledgeType, Present]:
+        """What there is to be asked for; true as long as the repository's snapshot, as a writer adds rows last."""
         row = self._session.first(queries.present, {"kb": self._kb})
         assert row is not None
         flags = iter(row)

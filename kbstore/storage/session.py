@@ -1,6 +1,7 @@
 """One connection to a store: statements, transactions, and the driver's errors translated in one place."""
 
 import json
+import os
 import sqlite3
 import threading
 from collections.abc import Iterator, Mapping, Sequence
@@ -61,19 +62,20 @@ class Session:
         uses: how many times over that thread does so.
         is_lost: whether the connection does not work any more.
         is_local: whether there is no server that could have gone away.
-        file: which file it has open, where that can be told.
+        path: of the file that it has open; None where there is none.
+        file: which file that is, where that can be told.
     """
 
     def __init__(
         self, connection: sqlalchemy.Connection, store: str, busy_timeout: float, *, path: str | None, is_alone: bool
     ) -> None:
+        """`path` is that of the store's URL; `is_alone` says that nobody else can reach the store."""
         self._connection = connection
         driver: Any = connection.connection.driver_connection
         self.driver = driver
         self.lock = threading.RLock()
         self.uses = 0
         self.is_lost = False
-        self.file: tuple[int, int] | None = None
         self.in_transaction = False
         self._has_written = False
         self._store = store
@@ -82,18 +84,24 @@ class Session:
         self._error: type[Exception] = connection.dialect.loaded_dbapi.Error
         self._execute = driver.execute
         self._cursor = driver.cursor
-        self._path = path
         self._header: Header | None = Unshared() if is_alone else None
         self._is_header_sought = is_alone
         self._memory = Memory()
         self._mark: bytes | int = -1
         self._settings_before: dict[str, Any] = {}
         self._is_closed = False
+        opened = self._open_file() if self._sqlite else None
+        self.file = _file_at(opened)
+        # a path that is relative, or a URI, may mean another file here; a link is to lead to this one from now on
+        self.path = path if opened is not None and _file_at(path) == self.file else opened
 
     # -- statements -------------------------------------------------------------------------------------------
 
     def memory(self) -> Memory:
-        """What is remembered; nothing if any connection has committed meanwhile. On SQLite, outside of transactions."""
+        """What is remembered; nothing if any connection has committed meanwhile.
+
+        On SQLite, outside of transactions, and only where nobody else writes on this very connection.
+        """
         if self._header is None:
             try:
                 mark: bytes | int = self._execute("PRAGMA data_version").fetchone()[0]
@@ -101,7 +109,7 @@ class Session:
                 raise self._failure(error) from error
             if not self._is_header_sought:
                 self._is_header_sought = True
-                self._header = find_header(self._path)
+                self._header = find_header(self.path)
         if self._header is not None:
             mark = self._header.raw
         if mark != self._mark:
@@ -283,6 +291,18 @@ class Session:
         else:
             self._execute("SELECT set_config(%s, %s, false)", (name, str(value)))
 
+    def _open_file(self) -> str | None:
+        """The path of the file that SQLite has open; None where it has none."""
+        try:
+            files = {name: path for _, name, path in self._execute("PRAGMA database_list").fetchall()}
+        except self._error as error:
+            raise self._failure(error) from error
+        return files["main"] or None
+
+    def has_moved(self) -> bool:
+        """Whether its file is not to be found any more where it was opened; SQLite would not notice."""
+        return self.file is not None and self.file != _file_at(self.path)
+
     def is_alive(self) -> bool:
         """Whether the connection can be used: what a server says unasked, or that it is gone, has arrived by now."""
         if self._sqlite or self.in_transaction:
@@ -327,6 +347,17 @@ class Session:
             self.driver.close()
         else:
             _inherited.append(self.driver)
+
+
+def _file_at(path: str | None) -> tuple[int, int] | None:
+    """Which file is at a path now."""
+    if path is None:
+        return None
+    try:
+        found = os.stat(path)
+    except OSError:
+        return None
+    return found.st_dev, found.st_ino
 
 
 def unavailable(error: BaseException, store: str, busy_timeout: float) -> StoreUnavailable:

@@ -33,7 +33,7 @@ from kbstore.names import is_wildcard, key
 from kbstore.pddl.forms import condition_of, from_composite, parse_condition
 from kbstore.pddl.text import condition_text, expression_text
 from kbstore.storage.repository import Moment, Repository
-from kbstore.timelines import METRIC_KEY, EndCause, Identity, Role, Value
+from kbstore.timelines import METRIC_KEY, EndCause, Identity, Role, Value, atom_key
 from kbstore.vocabulary import Vocabulary
 from kbstore.writing.atom_tracks import AtomTracks
 from kbstore.writing.checks import Checks, naming, violations_of
@@ -279,7 +279,7 @@ class Editor:
     def _matching(self, role: Role, kind: KnowledgeType, wanted: Sequence[str], t: int | None) -> list[Track]:
         """The tracks that match a pattern, and on which something stands or is scheduled."""
         if not any(map(is_wildcard, wanted)):
-            track = self._draft.known(Identity(role, kind, " ".join(wanted)))
+            track = self._draft.known(Identity(role, kind, atom_key(wanted)))
             return [] if track is None else [track]
         moment = Moment(self._now)
         there = self._repository.pending(kind, moment) if t else self._repository.standing(kind, moment)

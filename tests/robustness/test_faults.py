@@ -5,6 +5,7 @@ import resource
 import shutil
 import sqlite3
 import tempfile
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from pathlib import Path
 
@@ -201,6 +202,31 @@ def test_damage_that_comes_while_the_store_is_open(path):
         file.write(good)
     assert len(kb.state().facts) == 700
     kb.close()
+
+
+def test_a_file_in_the_place_of_another_is_not_taken_for_it(path):
+    """Where another store has taken the file's place, no thread asks or changes that one by what it knew of the first.
+
+    A number means another timeline there.
+    """
+    kb = kbstore.open(path)
+    kb.add("(p x)", "(p y)")
+    kb.remove("(p y)")
+    other = path.with_name("other.db")
+    with kbstore.open(other) as another:
+        another.add("(p y)", "(p x)")
+        another.remove("(p x)")
+    kb.state()
+    os.replace(other, path)
+    for suffix in ("-wal", "-shm"):
+        path.with_name(path.name + suffix).unlink()
+    with ThreadPoolExecutor(1) as thread:
+        for use in (kb.state, lambda: kb.holds("(p y)"), lambda: kb.add("(p x)")):
+            with pytest.raises(StoreUnavailable, match="moved, deleted or replaced"):
+                thread.submit(use).result(30)
+    kb.close()
+    with kbstore.open(path) as again:
+        assert [str(fact) for fact in again.state().facts] == ["(p y)"]
 
 
 def test_a_file_that_is_taken_away(path):

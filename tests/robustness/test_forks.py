@@ -153,6 +153,31 @@ def test_connections_idle_in_a_pool_of_the_callers(path):
         assert texts(again) == {"(by parent)", "(by child)", "(by orphan)"}
 
 
+def test_the_one_connection_of_a_pool_of_the_callers(path):
+    """The same where the engine has one connection for all threads, on a file: it stays with the parent."""
+    arguments = {"poolclass": sa.StaticPool, "connect_args": {"check_same_thread": False}}
+    engine = sa.create_engine(f"sqlite:///{path}", **arguments)
+    kb = kbstore.open(engine)
+    kb.add("(by parent)")
+    ready, closed = Signal(), Signal()
+
+    def act():
+        kb.add("(by child)")
+        ready.send()
+        closed.wait()
+        kb.add("(by orphan)")
+
+    child = Child(act)
+    ready.wait()
+    assert texts(kb) == {"(by parent)", "(by child)"}
+    kb.close()
+    engine.dispose()
+    closed.send()
+    assert child.done()
+    with kbstore.open(path) as again:
+        assert texts(again) == {"(by parent)", "(by child)", "(by orphan)"}
+
+
 def test_multiprocessing_with_fork(kb):
     """Processes of multiprocessing, started by fork, are children like others."""
     context = multiprocessing.get_context("fork")

@@ -1,5 +1,6 @@
 """Several threads on one knowledge base."""
 
+import sqlite3
 import threading
 from concurrent.futures import ThreadPoolExecutor
 
@@ -7,6 +8,7 @@ import pytest
 
 import kbstore
 from kbstore.errors import StoreUnavailable
+from kbstore.storage import queries
 
 THREADS = 6
 TIMES = 15
@@ -221,6 +223,37 @@ def test_closing_while_other_threads_ask(open_kb):
             lambda use=use, kb=kb: use(lambda: kb.add("(increase (n) 1)" if kb.query("(n)") else "(= (n) 0)")),
             close,
         )
+
+
+@pytest.mark.parametrize(
+    "ask",
+    [lambda kb: kb.holds("(raining)"), lambda kb: kb._database.first(queries.knowledge_base_names, {})],
+    ids=["from memory", "of the store"],
+)
+def test_closing_just_when_another_thread_is_done(tmp_path, ask):
+    """A connection that its thread is about to let go of, when another closes, is closed by the one or the other."""
+    kb = kbstore.open(tmp_path / "store.db")
+    kb.add("(raining)")
+    assert kb.holds("(raining)")
+    session = kb._database.take()
+    kb._database.give_back(session)
+
+    class Lock:
+        """The session's lock, which is let go of only after another thread has closed."""
+
+        def __init__(self, lock):
+            self._lock = lock
+            self.acquire = lock.acquire
+
+        def release(self):
+            session.lock = self._lock
+            together(kb.close)
+            self._lock.release()
+
+    session.lock = Lock(session.lock)
+    assert ask(kb)
+    with pytest.raises(sqlite3.ProgrammingError, match="closed"):
+        session.driver.execute("SELECT 1")
 
 
 def test_leaving_a_transaction_in_which_the_knowledge_base_was_closed(open_kb):

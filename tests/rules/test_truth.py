@@ -208,6 +208,8 @@ def tank(open_kb, clock):
         ("(> (level) 20)", seconds(10), "gauge"),
         ("(busy)", None, None),
         ("(and (busy) (= a b))", None, None),
+        # always so, whatever has been told of what makes it so now
+        ("(imply (seen a) (not (busy)))", None, None),
         ("(= a b)", None, None),
     ],
 )
@@ -420,6 +422,29 @@ def test_an_unknown_function_or_operator_is_an_unknown_symbol(kb):
         kb.domain.predicate("flying")
     with pytest.raises(kbstore.UnknownSymbol, match="speed"):
         kb.domain.function("speed")
+
+
+def test_a_name_with_a_space_is_not_the_names_on_both_sides_of_it(bare):
+    """V8, D3: no such name is stored, so that what a question, a removal or a pattern says of it is absent."""
+    bare.add("(near kenny wp0)", "(= (distance wp0 wp1) 3)", "(p)")
+    facts = [
+        Fact(attribute_name="near kenny", values=["wp0"]),
+        Fact(attribute_name="near", values=["kenny wp0"]),
+        Fact(attribute_name="near kenny wp0"),
+    ]
+    function = Function(attribute_name="distance wp0", values=["wp1"])
+    for fact in facts:
+        assert not bare.holds(fact)
+        assert not bare.state().holds(fact)
+        assert bare.when(fact, since=START, until=START + 1) == []
+        assert bare.explain(fact).reason == "never told"
+    assert not bare.holds(function)
+    assert not bare.state().holds(function)
+    with pytest.raises(kbstore.UndefinedFunction):
+        bare.value(function)
+    assert bare.history(facts[0]) == bare.history(function) == []
+    assert bare.remove(facts[0], function).changes == 0
+    assert bare.holds("(near kenny wp0)")
 
 
 def test_the_value_of_an_undefined_function_is_an_error(kb, clock):

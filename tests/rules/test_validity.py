@@ -553,6 +553,29 @@ def test_without_a_domain_a_symbol_keeps_the_labels_of_its_first_use(bare):
         bare.add(near(robot="kenny", place="wp0"))
 
 
+def test_without_a_domain_labels_that_are_first_given_later_count_in_questions_asked_before(bare):
+    """D2: the same item asks about other arguments once labels, and with them their order, are known."""
+    bare.add("(near wp0 kenny)", "(= (distance wp0 wp1) 1)", "(= (distance wp1 wp0) 2)")
+    fact = near(who="wp0", p="kenny")
+    function = Function(attribute_name="distance", values={"to": "wp0", "from": "wp1"})
+    assert [bare.holds(fact), bare.value(function), bare.holds(near(p="kenny", who="wp0"))] == [True, 1, False]
+    bare.add(
+        near(p="wp1", who="kenny"),
+        Function(attribute_name="distance", values={"from": "a", "to": "b"}, function_value=3),
+    )
+    assert [bare.holds(fact), bare.value(function), bare.holds(near(p="kenny", who="wp0"))] == [False, 2, False]
+    assert [bare.holds(near(who="kenny", p="wp0")), bare.holds(near(p="wp0", who="kenny"))] == [True, True]
+
+
+def test_without_a_domain_an_atom_asks_about_the_predicate_as_soon_as_there_is_one(bare):
+    """D2: while only a function has the name, its text asks whether that is defined, also where it was asked before."""
+    bare.add("(= (level tank) 1)")
+    assert [bare.holds("(level tank)"), bare.holds("(level pool)")] == [True, False]
+    bare.add(Fact(attribute_name="level", values=["pool"]))
+    assert [bare.holds("(level tank)"), bare.holds("(level pool)")] == [False, True]
+    assert [bare.state().holds("(level tank)"), bare.state().holds("(level pool)")] == [False, True]
+
+
 # -- D3 -----------------------------------------------------------------------------------------------------------
 
 

@@ -7,7 +7,7 @@ import threading
 import psycopg
 import pytest
 import sqlalchemy as sa
-from sqlalchemy.pool import StaticPool
+from sqlalchemy.pool import SingletonThreadPool, StaticPool
 
 import kbstore
 from kbstore.errors import StoreUnavailable
@@ -199,6 +199,49 @@ def test_a_store_in_memory_may_be_the_callers(path):
         adding.start()
         adding.join()
         assert kb.holds("(raining)")
+    engine.dispose()
+
+
+@pytest.mark.parametrize("pool", [StaticPool, SingletonThreadPool])
+@pytest.mark.parametrize("where", ["memory", "file"])
+def test_what_others_write_on_the_callers_one_connection_is_seen(path, pool, where):
+    """Where the caller's pool has one connection for all, another's commits on it are seen like those of any other."""
+    arguments = {"poolclass": pool, "connect_args": {"check_same_thread": False}}
+    engine = sa.create_engine("sqlite://" if where == "memory" else f"sqlite:///{path}", **arguments)
+    with kbstore.open(engine) as kb, kbstore.open(engine) as other:
+        kb.add("(open door)", "(= (level tank) 1)")
+        assert [kb.holds("(open door)"), kb.holds("(open door)"), kb.value("(level tank)")] == [True, True, 1]
+        other.remove("(open door)")
+        other.add("(= (level tank) 2)")
+        assert [kb.holds("(open door)"), kb.value("(level tank)")] == [False, 2]
+        with engine.begin() as connection:
+            connection.exec_driver_sql("UPDATE functions SET function_value = 3")
+        assert kb.value("(level tank)") == 3
+        with kb._database.asking() as session:
+            assert pragmas(session.driver)["journal_mode"] == ("memory" if where == "memory" else "wal")
+    engine.dispose()
+
+
+def test_the_file_is_the_one_that_sqlite_has_open(tmp_path, monkeypatch):
+    """An engine made where its relative path meant another file: that file is watched, and whether it was moved."""
+    for name in ("here", "there"):
+        (tmp_path / name).mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    engine = sa.create_engine("sqlite:///store.db")
+    monkeypatch.chdir(tmp_path / "there")
+    with kbstore.open("store.db") as another, kbstore.open(engine) as kb:
+        another.add("(open door)")
+        assert another.holds("(open door)")
+        kb.add("(open door)")
+        assert [kb.holds("(open door)"), kb.holds("(open door)")] == [True, True]
+        with kbstore.open(tmp_path / "here" / "store.db") as writer:
+            writer.remove("(open door)")
+        assert not kb.holds("(open door)")
+        (tmp_path / "there" / "store.db").rename(tmp_path / "there" / "moved.db")
+        kb.add("(open door)")
+        (tmp_path / "here" / "store.db").rename(tmp_path / "here" / "moved.db")
+        with pytest.raises(StoreUnavailable, match="has been moved"):
+            kb.add("(open window)")
     engine.dispose()
 
 
