@@ -180,10 +180,9 @@ class History:
         if numbers:
             return min(numbers)
         objects = repository.find(Role.STATE, KnowledgeType.INSTANCE, list(mentions(row.timeline, row.value)))
-        for follower in repository.history(KnowledgeType.INSTANCE, list(objects.values()), end, end + 1):
-            if follower.value[0] and follower.cancelled is None:
-                return follower.recorded
-        return None
+        followers = repository.history(KnowledgeType.INSTANCE, list(objects.values()), end, end + 1)
+        gone = [follower.recorded for follower in followers if follower.value[0] and follower.cancelled is None]
+        return min(gone, default=None)
 
     @staticmethod
     def transactions(repository: Repository, numbers: Iterable[int]) -> dict[int, Transaction]:

@@ -84,6 +84,13 @@ def history(table: str, own: Columns, role: int = STATE) -> str:
 
     An end that nobody had to write is the beginning of the next assertion, or the end of an object.
     """
+    # the transaction that ended it, or that recorded what ended it by the clock: the next one, or an object's end
+    ender = (
+        "CASE WHEN f.cancelled_tx IS NULL THEN coalesce(f.ended_tx, n.recorded_tx, (SELECT min(o.recorded_tx)"
+        " FROM mentions m JOIN instances o ON o.kb_id = m.kb_id AND o.timeline_id = m.object_id"
+        " WHERE m.kb_id = f.kb_id AND m.timeline_id = f.timeline_id AND o.initial_time = f.end_time"
+        " AND o.end_time > o.initial_time AND o.is_negative)) END"
+    )
     columns: Columns = {
         "knowledge_base": "k.name",
         **own,
@@ -98,7 +105,7 @@ def history(table: str, own: Columns, role: int = STATE) -> str:
         "recorded_tx": "f.recorded_tx",
         "recorded_time": iso("r.recorded_time"),
         "recorded_client": "r.client",
-        "ended_tx": "coalesce(f.ended_tx, n.recorded_tx)",
+        "ended_tx": ender,
         "ended_client": "e.client",
         "cancelled_tx": "f.cancelled_tx",
         "cancelled_time": iso("f.cancelled_time"),
@@ -119,7 +126,7 @@ def history(table: str, own: Columns, role: int = STATE) -> str:
         f" AND n.id = coalesce(({next_one} AND q.end_time <= q.initial_time AND q.cancelled_tx IS NULL),"
         f" ({next_one} AND q.end_time > q.initial_time))"
         " LEFT JOIN transactions r ON r.kb_id = f.kb_id AND r.number = f.recorded_tx"
-        " LEFT JOIN transactions e ON e.kb_id = f.kb_id AND e.number = coalesce(f.ended_tx, n.recorded_tx)"
+        f" LEFT JOIN transactions e ON e.kb_id = f.kb_id AND e.number = {ender}"
         " LEFT JOIN transactions c ON c.kb_id = f.kb_id AND c.number = f.cancelled_tx"
     )
 

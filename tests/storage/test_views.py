@@ -1,0 +1,89 @@
+"""The views that people read, compared with what the knowledge base itself answers, after random transactions."""
+
+import random
+
+import pytest
+
+from tests.storage.test_invariants import play, reading, sequences
+
+SAME = "recorded_tx, ended_tx, cancelled_tx, initial_ns, end_ns"
+
+
+@pytest.fixture(params=range(6))
+def told(request, open_kb, clock):
+    """A knowledge base after a random life, and what reads its views."""
+    kb = open_kb()
+    play(kb, clock, sequences(random.Random(request.param).choice))
+    execute, _ = reading(kb)
+
+    def view(name, *columns):
+        return execute(f"SELECT {', '.join(columns)} FROM {name} WHERE knowledge_base = '{kb.name}'")
+
+    return kb, view
+
+
+def numbers(assertion):
+    """What `SAME` names, as the knowledge base tells it."""
+    transactions = (assertion.recorded, assertion.ended, assertion.cancelled)
+    return (
+        *(None if transaction is None else transaction.number for transaction in transactions),
+        assertion.initial_time,
+        assertion.end_time,
+    )
+
+
+def test_the_views_of_history_tell_what_history_tells(told):
+    """Q3: intervals, signs, values, and the transactions that recorded, ended or cancelled each assertion."""
+    kb, view = told
+    facts = [(str(found.item), *numbers(found)) for name in kb.domain.predicates for found in kb.history(pattern(name))]
+    assert sorted(view("fact_history", "fact", SAME), key=repr) == sorted(facts, key=repr)
+    functions = [
+        (found.item.function_value, *numbers(found))
+        for name in kb.domain.functions
+        for found in kb.history(pattern(name))
+    ]
+    assert sorted(view("function_history", "value", SAME), key=repr) == sorted(functions, key=repr)
+    objects = [
+        (found.item.instance_name, found.item.instance_type, found.item.is_negative, *numbers(found))
+        for found in kb.history({"knowledge_type": 0, "instance_name": "?"})
+    ]
+    shown = [(*row[:2], bool(row[2]), *row[3:]) for row in view("instance_history", "name, type, is_negative", SAME)]
+    assert sorted(shown, key=repr) == sorted(objects, key=repr)
+
+
+def pattern(formula):
+    """Any fact or function of a symbol."""
+    return f"({' '.join((formula.name, *('?' for _ in formula.typed_parameters)))})"
+
+
+def test_the_views_of_the_present_show_the_latest_state(told):
+    """What stands at the time of the latest transaction, by the interval tree."""
+    kb, view = told
+    state = kb.state(at=max(change.time for change in kb.changes()))
+    assert sorted(view("current_facts", "fact, initial_ns")) == sorted(
+        (str(item), item.initial_time) for item in state.facts
+    )
+    assert sorted(view("current_instances", "name, type, initial_ns")) == sorted(
+        (item.instance_name, item.instance_type, item.initial_time) for item in state.instances
+    )
+    assert sorted(view("current_goals", "goal")) == sorted((str(item),) for item in state.goals)
+    shown = dict(view("current_functions", "function, value"))
+    assert shown == pytest.approx({item.atom: item.function_value for item in state.functions}, rel=1e-12)
+
+
+def test_the_ends_that_nobody_wrote_have_who_caused_them(open_kb, clock):
+    """An end that lies ahead is by the next assertion, or by the end of an object."""
+    kb = open_kb()
+    kb.load("(define (domain d) (:types place) (:predicates (open ?p - place)))")
+    kb.add("wp0 - place", "wp1 - place")
+    told = kb.add("(open wp0)", "(open wp1)").number
+    ending = kb.add("(not (wp0 - place))", initial_time=clock.now() + 10).number
+    following = kb.add("(not (open wp1))", initial_time=clock.now() + 20).number
+    execute, _ = reading(kb)
+    columns = "fact, recorded_tx, ended_by, ended_tx"
+    rows = execute(f"SELECT {columns} FROM fact_history WHERE knowledge_base = '{kb.name}' ORDER BY initial_ns, fact")
+    assert rows == [
+        ("(open wp0)", told, "object", ending),
+        ("(open wp1)", told, "replaced", following),
+        ("(not (open wp1))", following, None, None),
+    ]
