@@ -298,14 +298,19 @@ for_kind: dict[KnowledgeType, AssertionQueries] = {
 }
 
 
-def _exists(table: str, index: str, also: str = "") -> str:
-    return f"EXISTS (SELECT 1 FROM {table} BY(ix_{table}_{index}) WHERE kb_id = :kb{also})"
+def _exists(table: str, index: str, first: str, also: str = "") -> str:
+    # the order makes PostgreSQL take the index: it would look through the rows of other knowledge bases for one
+    return (
+        f"(SELECT {first} FROM {table} BY(ix_{table}_{index}) WHERE kb_id = :kb{also} ORDER BY {first} LIMIT 1)"
+        " IS NOT NULL"
+    )
 
 
 present = Statement(
     "SELECT "
     + ", ".join(
-        f"{_exists(kind.table, 'recorded')}, {_exists(kind.table, 'scheduled', ' AND recorded_time IS NOT NULL')}"
+        f"{_exists(kind.table, 'recorded', 'recorded_tx')},"
+        f" {_exists(kind.table, 'scheduled', 'initial_time', ' AND recorded_time IS NOT NULL')}"
         for kind in for_kind.values()
     )
 )
