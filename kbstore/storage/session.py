@@ -5,6 +5,7 @@ import os
 import sqlite3
 import threading
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import Any, Final
 
 import sqlalchemy
@@ -180,6 +181,18 @@ class Session:
                 self._cursor().executemany(text, rows)
             except self._error as error:
                 raise self._failure(error) from error
+
+    @contextmanager
+    def together(self) -> Iterator[None]:
+        """Statements that need no answer are sent to a server at once; what goes wrong with one is raised then."""
+        if self._sqlite:
+            yield
+            return
+        try:
+            with self.driver.pipeline():
+                yield
+        except self._error as error:
+            raise self._failure(error) from error
 
     def array(self, values: Sequence[Any]) -> Any:
         """An array parameter for a statement with ``EACH`` or ``AMONG``."""

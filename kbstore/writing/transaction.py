@@ -165,9 +165,10 @@ class OpenTransaction:
         for (kind, name_key), shape in self._vocabulary.shapes.items():
             if self._stored_shapes.get((kind, name_key)) != shape:
                 recorder.symbol(int(kind), name_key, shape.name, shape.labels or (), shape.arity)
-        recorder.transaction(head, changes, self._client, self._note)
-        self._new_timelines = recorder.write(writes)
-        self._mission.write(recorder)
+        with self._session.together():
+            recorder.transaction(head, changes, self._client, self._note)
+            self._new_timelines = recorder.write(writes)
+            self._mission.write(recorder)
         self.result = Transaction(self._number, self.now, self._client, self._note, changes)
 
     def _apply(self, updates: Iterable[Update]) -> None:
