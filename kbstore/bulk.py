@@ -1,17 +1,20 @@
 """Bulk work: what makes very many objects at once."""
 
 import gc
-from collections.abc import Iterator
-from contextlib import contextmanager
 
 
-@contextmanager
-def without_collection() -> Iterator[None]:
-    """Bulk work makes many objects and no cycles; looking for cycles among them takes most of the time."""
-    was_enabled = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if was_enabled:
+class without_collection:
+    """Bulk work makes many objects and no cycles; looking for cycles among them takes most of the time.
+
+    A class, as single transactions use it, too, and a generator would cost them more than it saves.
+    """
+
+    __slots__ = ("_was_enabled",)
+
+    def __enter__(self) -> None:
+        self._was_enabled = gc.isenabled()
+        gc.disable()
+
+    def __exit__(self, *_: object) -> None:
+        if self._was_enabled:
             gc.enable()

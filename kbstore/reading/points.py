@@ -24,21 +24,15 @@ _PREPARED = 50_000
 """How many prepared questions, and how many answers about now, are kept."""
 
 
-class Answer(NamedTuple):
-    """What stands on a timeline from a time on, until it ends or something begins; None: nothing stands."""
+class Found(NamedTuple):
+    """What stands on a timeline at `t`, since when, and until it ends or something begins; None: nothing stands.
+
+    `memory` is where the answer may be remembered until somebody commits.
+    """
 
     value: Value | None
     initial_time: int
     until: int
-
-
-_NOTHING = Answer(None, 0, OPEN)
-
-
-class Found(NamedTuple):
-    """An answer about a moment, and where it may be remembered until somebody commits."""
-
-    answer: Answer
     t: int
     memory: Memory | None = None
 
@@ -88,7 +82,7 @@ class Points:
             found = self._answer(session, point, at)
             if found is None:
                 return None
-            truth = self._truth_of(point, found.answer)
+            truth = self._truth_of(point, found.value)
             if found.memory is not None:
                 _remember(found.memory.truths, question, found, truth)
             return truth
@@ -110,10 +104,10 @@ class Points:
         session = self._database.take()
         try:
             found = self._answer(session, point, at)
-            if found is None or found.answer.value is None:
+            if found is None or found.value is None:
                 return None
-            _, value, _, rate = found.answer.value
-            number = Number(value, rate, found.answer.initial_time)
+            _, value, _, rate = found.value
+            number = Number(value, rate, found.initial_time)
             if found.memory is not None:
                 _remember(found.memory.numbers, question, found, number)
             return number.at(found.t)
@@ -122,13 +116,13 @@ class Points:
 
     # -- answers ----------------------------------------------------------------------------------------------
 
-    def _truth_of(self, point: Point, answer: Answer) -> Truth:
+    def _truth_of(self, point: Point, value: Value | None) -> Truth:
         if point.kind is KnowledgeType.FUNCTION:
-            truth = Truth.of(answer.value is not None)
-        elif answer.value is None:
+            truth = Truth.of(value is not None)
+        elif value is None:
             truth = Truth.UNKNOWN if self._reader.use_unknowns else Truth.FALSE
         else:
-            truth = Truth.FALSE if answer.value[0] else Truth.TRUE
+            truth = Truth.FALSE if value[0] else Truth.TRUE
         return ~truth if point.negated else truth
 
     def _answer(self, session: Session, point: Point, at: object) -> Found | None:
@@ -140,12 +134,11 @@ class Points:
             return self._ask(session, point, time(now), about_now=True)
         memory = session.memory()
         known: Found | None = memory.points.get(point)
-        if known is not None and known.t <= now < known.answer.until:
+        if known is not None and known.t <= now < known.until:
             return known._replace(t=now)
         found = self._ask(session, point, time(now), about_now=True)
         if found is not None:
-            until = self._until(session, point, found.answer, found.t)
-            found = Found(found.answer._replace(until=until), found.t, memory)
+            found = found._replace(until=self._until(session, point, found), memory=memory)
             _make_room(memory.points)
             memory.points[point] = found
         return found
@@ -172,14 +165,14 @@ class Points:
         if t < reader.latest_version_time:
             return None
         if end is None or end <= t:
-            return Found(_NOTHING, t)
-        return Found(Answer(row[6:], initial_time, end), t)
+            return Found(None, 0, OPEN, t)
+        return Found(row[6:], initial_time, end, t)
 
-    def _until(self, session: Session, point: Point, answer: Answer, now: int) -> int:
+    def _until(self, session: Session, point: Point, found: Found) -> int:
         """When the answer changes, if nobody writes."""
-        if answer.value is not None or point.timeline is None:
-            return answer.until
-        parameters = {"kb": self._reader.kb, "timeline": point.timeline.id, "t": now}
+        if found.value is not None or point.timeline is None:
+            return found.until
+        parameters = {"kb": self._reader.kb, "timeline": point.timeline.id, "t": found.t}
         row = session.first(queries.for_kind[point.kind].next_start, parameters)
         return OPEN if row is None else int(row[0])
 
@@ -249,7 +242,7 @@ class Points:
 def _remember(answers: dict[Any, Any], question: Question, found: Found, answer: object) -> None:
     """Keep an answer with the times between which it is right. A text is found by what it says, an item by itself."""
     _make_room(answers)
-    answers[question if type(question) is str else id(question)] = (question, found.t, found.answer.until, answer)
+    answers[question if type(question) is str else id(question)] = (question, found.t, found.until, answer)
 
 
 def _make_room(remembered: dict[Any, Any]) -> None:

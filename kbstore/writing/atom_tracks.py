@@ -2,7 +2,9 @@
 
 from collections.abc import Sequence
 from typing import NamedTuple
+from weakref import WeakKeyDictionary
 
+from kbstore.domain import Domain
 from kbstore.errors import InvalidKnowledge, KbStoreError
 from kbstore.logic import Atom
 from kbstore.messages import Fact, Function, KnowledgeType
@@ -23,6 +25,10 @@ class _Form(NamedTuple):
     allowed: tuple[frozenset[str], ...]
 
 
+_forms_of: WeakKeyDictionary[Domain, dict[tuple[KnowledgeType, str], _Form]] = WeakKeyDictionary()
+"""The forms of the symbols that have been used, by domain: the same in all transactions."""
+
+
 class AtomTracks:
     """Finds the tracks of facts and functions in a draft."""
 
@@ -31,7 +37,8 @@ class AtomTracks:
         self._checks = checks
         self._vocabulary = vocabulary
         self._now = draft.now
-        self._forms: dict[tuple[KnowledgeType, str], _Form] = {}
+        domain = vocabulary.domain
+        self._forms = {} if domain is None else _forms_of.setdefault(domain, {})
         self._objects: dict[str, tuple[str, str]] = {}
         self._objects_seen = draft.objects_changed
 
