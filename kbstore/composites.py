@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 from kbstore.errors import InvalidKnowledge
 from kbstore.logic import Atom, Expression, Token
-from kbstore.messages import DomainFormula, ExprBase, ExprComposite, ExprType, KeyValue, Operator, SpecialType
+from kbstore.messages import DomainFormula, ExprBase, ExprComposite, ExprType, Operator, SpecialType, key_values
 
 _NO_FUNCTION = DomainFormula()
 
@@ -27,7 +27,7 @@ def composite_of(expression: Expression, formula_of: Callable[[Atom], DomainForm
 
 def unlabelled(atom: Atom) -> DomainFormula:
     """A function's term as a message, its arguments without labels."""
-    values = tuple(KeyValue.trusted(key="", value=argument) for argument in atom.arguments)
+    values = key_values(("",) * len(atom.arguments), atom.arguments)
     return DomainFormula.trusted(name=atom.name, typed_parameters=values)
 
 

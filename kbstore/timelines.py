@@ -18,7 +18,7 @@ from hashlib import sha256
 from typing import Any, NamedTuple
 
 from kbstore.clock import SECOND
-from kbstore.messages import KeyValue, KnowledgeType
+from kbstore.messages import KeyValue, KnowledgeType, key_values
 
 Value = tuple[Any, ...]
 
@@ -107,9 +107,7 @@ class Timeline:
         known: tuple[Sequence[str], tuple[KeyValue, ...]] | None = getattr(self, "_labelled", None)
         if known is not None and known[0] is labels:
             return known[1]
-        values = tuple(
-            KeyValue.trusted(key=label, value=argument) for label, argument in zip(labels, self.arguments, strict=True)
-        )
+        values = key_values(labels, self.arguments)
         self._labelled = (labels, values)
         return values
 

@@ -19,6 +19,7 @@ from kbstore.messages.formulas import (
     ExprBase,
     ExprComposite,
     KeyValue,
+    key_values,
 )
 from kbstore.messages.items import (
     Condition,
@@ -59,4 +60,5 @@ __all__ = [
     "UpdateType",
     "format_number",
     "from_message",
+    "key_values",
 ]

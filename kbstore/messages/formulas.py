@@ -1,6 +1,7 @@
 """Formulas and numeric expressions: DomainFormula, ExprBase, ExprComposite, DomainAssignment, DomainInequality."""
 
 from collections.abc import Iterable, Mapping
+from functools import lru_cache
 from typing import Annotated, Any
 
 from pydantic import BeforeValidator, model_validator
@@ -18,6 +19,21 @@ class KeyValue(Message):
 
     def __init__(self, key: str = "", value: str = "", **data: Any) -> None:
         super().__init__(key=key, value=value, **data)
+
+
+KNOWN_VALUES = 50_000
+"""How many labelled names are remembered at most; 25 MB or so."""
+
+
+def key_values(labels: Iterable[str], names: Iterable[str]) -> tuple[KeyValue, ...]:
+    """Names that are known to be valid, each with its label; as many of the one as of the other."""
+    return tuple([_key_value(label, name) for label, name in zip(labels, names, strict=True)])
+
+
+@lru_cache(maxsize=KNOWN_VALUES)
+def _key_value(label: str, name: str) -> KeyValue:
+    """The same object each time: many facts speak of the same things."""
+    return KeyValue.trusted(key=label, value=name)
 
 
 def _read_values(values: Any) -> Any:

@@ -1,7 +1,6 @@
 """Knowledge items from their groups: facts, values and changes of numeric functions, inequalities, objects, metrics."""
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 from kbstore.composites import composite_of
 from kbstore.domain import Signature
@@ -20,6 +19,7 @@ from kbstore.messages import (
     KnowledgeItem,
     KnowledgeType,
     SpecialType,
+    key_values,
 )
 from kbstore.messages import Expression as Metric
 from kbstore.names import is_wildcard, key
@@ -31,9 +31,6 @@ from kbstore.pddl.sexpr import Group, node_text
 
 OPTIMIZATIONS = ("minimize", "maximize")
 
-KNOWN_ARGUMENTS = 50_000
-"""How many labelled arguments are remembered at most; 25 MB or so."""
-
 _ADVICE = (
     "an item is an object (wp7 - waypoint), a fact (visited wp7), a value (= (battery kenny) 80), a change "
     "(increase (battery kenny) 5), an inequality (> (battery kenny) 20) or a metric (minimize (total-time))"
@@ -43,13 +40,7 @@ _ADVICE = (
 def labelled(arguments: tuple[str, ...], signature: Signature | None) -> tuple[KeyValue, ...]:
     """Arguments with the labels of the signature; without one, or if their number does not fit, without labels."""
     labels = signature.labels if signature is not None and len(signature.labels) == len(arguments) else None
-    return tuple(map(_key_value, labels or ("",) * len(arguments), arguments))
-
-
-@lru_cache(maxsize=KNOWN_ARGUMENTS)
-def _key_value(label: str, argument: str) -> KeyValue:
-    """A labelled argument; many facts speak of the same objects."""
-    return KeyValue.trusted(key=label, value=argument)
+    return key_values(labels or ("",) * len(arguments), arguments)
 
 
 def fact_of(atom: Atom, signature: Signature | None, is_negative: bool = False) -> Fact:

@@ -16,9 +16,9 @@ from kbstore.messages import (
     Function,
     Inequality,
     Instance,
-    KeyValue,
     KnowledgeItem,
     KnowledgeType,
+    key_values,
 )
 from kbstore.names import key
 from kbstore.pddl.forms import parse_expression
@@ -89,10 +89,7 @@ class ItemReader:
         if not self._vocabulary.known(KnowledgeType.FUNCTION, function.name):
             return unlabelled(function)
         labels = self._vocabulary.labels(KnowledgeType.FUNCTION, key(function.name), len(function.arguments))
-        values = [
-            KeyValue.trusted(key=label, value=name) for label, name in zip(labels, function.arguments, strict=True)
-        ]
-        return DomainFormula.trusted(name=function.name, typed_parameters=tuple(values))
+        return DomainFormula.trusted(name=function.name, typed_parameters=key_values(labels, function.arguments))
 
     def _labels(self, timeline: Timeline) -> "tuple[str, ...]":
         return self._vocabulary.labels(timeline.kind, timeline.keys[0], len(timeline.arguments))  # type: ignore[return-value]

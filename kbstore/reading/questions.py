@@ -16,10 +16,10 @@ from kbstore.messages import (
     Function,
     Inequality,
     Instance,
-    KeyValue,
     KnowledgeItem,
     KnowledgeType,
     from_message,
+    key_values,
 )
 from kbstore.pddl.forms import condition_of, from_composite, parse_condition, parse_expression, parse_item
 from kbstore.vocabulary import Vocabulary
@@ -91,7 +91,7 @@ def _in_order(expression: ExprComposite, vocabulary: Vocabulary) -> ExprComposit
         given = formula.typed_parameters
         labels = [parameter.key for parameter in given]
         _, arguments = vocabulary.ordered(KnowledgeType.FUNCTION, formula.name, [p.value for p in given], labels)
-        return formula.changed(typed_parameters=tuple(KeyValue(value=name) for name in arguments))
+        return formula.changed(typed_parameters=key_values(("",) * len(arguments), arguments))
 
     tokens = expression.tokens
     if not any(parameter.key for token in tokens for parameter in token.function.typed_parameters):

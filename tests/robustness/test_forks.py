@@ -7,7 +7,7 @@ import sys
 import threading
 import time
 import traceback
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 
 import pytest
 import sqlalchemy as sa
@@ -101,15 +101,9 @@ def test_children_of_children(kb):
     assert texts(kb) == {"(by parent)", *(f"(by child{depth})" for depth in range(4))}
 
 
-def test_a_child_that_outlives_the_parents_connection_loses_nothing(shared_url, name):
-    """What a child stores stays, also after the parent has closed what it had opened before the fork.
-
-    SQLite would take the parent's connection for the file's last, and delete the log that the child writes to, if
-    the child had left the inherited connection open beside its own.
-    """
-    kb = kbstore.open(shared_url, name)
-    kb.add("(by parent)")
-    unused = kbstore.open(shared_url, f"{name} unused")
+@contextmanager
+def outlived(kb):
+    """A child that adds a fact before what the block does in the parent, and another one after it."""
     ready, closed = Signal(), Signal()
 
     def act():
@@ -120,10 +114,23 @@ def test_a_child_that_outlives_the_parents_connection_loses_nothing(shared_url, 
 
     child = Child(act)
     ready.wait()
-    kb.close()
-    unused.close()
+    yield
     closed.send()
     assert child.done()
+
+
+def test_a_child_that_outlives_the_parents_connection_loses_nothing(shared_url, name):
+    """What a child stores stays, also after the parent has closed what it had opened before the fork.
+
+    SQLite would take the parent's connection for the file's last, and delete the log that the child writes to, if
+    the child had left the inherited connection open beside its own.
+    """
+    kb = kbstore.open(shared_url, name)
+    kb.add("(by parent)")
+    unused = kbstore.open(shared_url, f"{name} unused")
+    with outlived(kb):
+        kb.close()
+        unused.close()
     with kbstore.open(shared_url, name) as again:
         assert texts(again) == {"(by parent)", "(by child)", "(by orphan)"}
 
@@ -135,20 +142,9 @@ def test_connections_idle_in_a_pool_of_the_callers(path):
     first.add("(by parent)")
     kb = kbstore.open(engine)
     first.close()
-    ready, closed = Signal(), Signal()
-
-    def act():
-        kb.add("(by child)")
-        ready.send()
-        closed.wait()
-        kb.add("(by orphan)")
-
-    child = Child(act)
-    ready.wait()
-    kb.close()
-    engine.dispose()
-    closed.send()
-    assert child.done()
+    with outlived(kb):
+        kb.close()
+        engine.dispose()
     with kbstore.open(path) as again:
         assert texts(again) == {"(by parent)", "(by child)", "(by orphan)"}
 
@@ -159,21 +155,10 @@ def test_the_one_connection_of_a_pool_of_the_callers(path):
     engine = sa.create_engine(f"sqlite:///{path}", **arguments)
     kb = kbstore.open(engine)
     kb.add("(by parent)")
-    ready, closed = Signal(), Signal()
-
-    def act():
-        kb.add("(by child)")
-        ready.send()
-        closed.wait()
-        kb.add("(by orphan)")
-
-    child = Child(act)
-    ready.wait()
-    assert texts(kb) == {"(by parent)", "(by child)"}
-    kb.close()
-    engine.dispose()
-    closed.send()
-    assert child.done()
+    with outlived(kb):
+        assert texts(kb) == {"(by parent)", "(by child)"}
+        kb.close()
+        engine.dispose()
     with kbstore.open(path) as again:
         assert texts(again) == {"(by parent)", "(by child)", "(by orphan)"}
 

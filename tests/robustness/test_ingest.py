@@ -11,7 +11,7 @@ import pytest
 
 import kbstore
 from kbstore.errors import InvalidKnowledge, PddlSyntaxError, StoreUnavailable
-from kbstore.pddl import item_reader
+from kbstore.messages import formulas
 from tests.robustness.processes import FULL
 
 DOMAIN = """
@@ -174,7 +174,7 @@ def test_memory_does_not_grow(tmp_path):
         gc.freeze()
         tracemalloc.start()
         # what is remembered of names has a limit, which is reached beforehand
-        for number in range(item_reader.KNOWN_ARGUMENTS):
+        for number in range(formulas.KNOWN_VALUES):
             kbstore.item(f"(seen o{-number})")
         for part in (1, 10):
             numbers = range(part * 10**7, part * 10**7 + part * size)
