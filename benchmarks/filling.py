@@ -13,8 +13,8 @@ import kbstore
 from benchmarks.histories import DOMAIN, START, History
 from kbstore import KnowledgeType, ManualClock
 from kbstore.clock import OPEN
+from kbstore.model.timelines import EndCause, Role
 from kbstore.storage.interval_tree import level
-from kbstore.timelines import EndCause, Role
 
 _CHUNK = 100_000
 """Assertions in one commit."""

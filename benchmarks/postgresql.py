@@ -25,8 +25,8 @@ from benchmarks.report import Missing, Result
 from benchmarks.settings import Settings
 from kbstore import ManualClock, State
 from kbstore.clock import OPEN
-from kbstore.keeping.interchange import export_knowledge_base, import_knowledge_base
 from kbstore.storage.interval_tree import level
+from kbstore.transfer.interchange import export_knowledge_base, import_knowledge_base
 
 _CONTENT = ("timelines", "mentions", "transactions", "instances", "facts")
 

@@ -3,8 +3,8 @@
 See `kbstore.open` for where to begin.
 """
 
+from kbstore.api import knowledge_bases, open
 from kbstore.clock import Clock, ManualClock, SystemClock, seconds, time
-from kbstore.domain import Domain
 from kbstore.errors import (
     ClockWentBackwards,
     Conflict,
@@ -24,8 +24,6 @@ from kbstore.errors import (
     UndefinedFunction,
     UnknownSymbol,
 )
-from kbstore.keeping.archiving import Archived
-from kbstore.keeping.interchange import export_knowledge_base, import_knowledge_base
 from kbstore.knowledge_base import KnowledgeBase
 from kbstore.messages import (
     AssignOp,
@@ -51,13 +49,25 @@ from kbstore.messages import (
     Truth,
     UpdateType,
 )
-from kbstore.opening import knowledge_bases, open
+from kbstore.model.domain import Domain
+from kbstore.model.results import (
+    Applicability,
+    Assertion,
+    Change,
+    Diff,
+    Ended,
+    Explanation,
+    QueryResult,
+    Run,
+    Transaction,
+)
 from kbstore.reading.questions import item
 from kbstore.reading.state import State
-from kbstore.record import Applicability, Assertion, Change, Diff, Ended, Explanation, QueryResult, Run, Transaction
-from kbstore.storage.backup import backup
+from kbstore.transfer.archive import Archived
+from kbstore.transfer.backup import backup
+from kbstore.transfer.interchange import export_knowledge_base, import_knowledge_base
 from kbstore.writing.ingesting import Ingested
-from kbstore.writing.transaction import OpenTransaction
+from kbstore.writing.unit_of_work import OpenTransaction
 
 __all__ = [
     "Applicability",

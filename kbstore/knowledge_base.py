@@ -1,7 +1,7 @@
 """A knowledge base: one named world in a store, asked and changed.
 
 The module is longer than others because it is the public interface: a method for each thing that can be asked or
-told, which says what it means and leaves the doing to `kbstore.reading`, `kbstore.writing` and `kbstore.keeping`.
+told, which says what it means and leaves the doing to `kbstore.reading`, `kbstore.writing` and `kbstore.transfer`.
 """
 
 import os
@@ -13,41 +13,42 @@ from types import TracebackType
 from typing import Any, Self
 
 from kbstore.clock import Clock, ManualClock, SystemClock, isoformat, time
-from kbstore.domain import Domain
 from kbstore.errors import Conflict, InvalidKnowledge, InvalidTime, StoreUnavailable, UnknownSymbol
 from kbstore.evaluation import conditions
 from kbstore.evaluation.intervals import Intervals
-from kbstore.keeping import archiving
-from kbstore.keeping.archiving import Archived
-from kbstore.messages import (
-    Expression,
-    Fact,
-    Function,
-    Goal,
-    Instance,
-    KnowledgeItem,
-    Truth,
-    UpdateType,
+from kbstore.messages import Expression, Fact, Function, Goal, Instance, KnowledgeItem, Truth, UpdateType
+from kbstore.model.domain import Domain
+from kbstore.model.results import (
+    Applicability,
+    Assertion,
+    Change,
+    Diff,
+    Ended,
+    Explanation,
+    QueryResult,
+    Run,
+    Transaction,
 )
 from kbstore.names import key
 from kbstore.pddl.writer import write_domain
-from kbstore.reading.course import when_true
 from kbstore.reading.difference import difference
 from kbstore.reading.explanation import Explainer
 from kbstore.reading.history import History
-from kbstore.reading.points import Points
+from kbstore.reading.point_queries import PointQueries
 from kbstore.reading.questions import Question, as_condition, as_expression
 from kbstore.reading.reader import Reader
 from kbstore.reading.state import State, value_in
+from kbstore.reading.trajectory import when_true
 from kbstore.reading.watching import Watch
-from kbstore.record import Applicability, Assertion, Change, Diff, Ended, Explanation, QueryResult, Run, Transaction
 from kbstore.storage import queries
 from kbstore.storage.database import Database
-from kbstore.storage.repository import Moment, TimelineCache
-from kbstore.storage.transfer import Progress, is_archive
+from kbstore.storage.repository import LogPosition, TimelineCache
+from kbstore.transfer import archive
+from kbstore.transfer.archive import Archived
+from kbstore.transfer.rows import Progress, is_archive
+from kbstore.writing.action_executor import applicability
 from kbstore.writing.ingesting import BATCH, Counted, Ingested, ingest
-from kbstore.writing.missions import applicability
-from kbstore.writing.transaction import TOLERANCE, OpenTransaction
+from kbstore.writing.unit_of_work import TOLERANCE, OpenTransaction
 
 
 class KnowledgeBase:
@@ -95,7 +96,7 @@ class KnowledgeBase:
         )
         self._history = History(self._reader)
         self._explainer = Explainer(self._reader, self._history)
-        self._points = Points(self._reader, caching=cache)
+        self._points = PointQueries(self._reader, caching=cache)
         self._writing = threading.local()
         self._tolerance = tolerance
 
@@ -303,8 +304,8 @@ class KnowledgeBase:
             world = self._reader.world(repository, place)
             if world is None:
                 return self._reader.state(repository, place, as_of).truth(question)
-            vocabulary = self._reader.vocabulary(repository, place.head, Moment(place.at))
-            return conditions.truth(as_condition(question, vocabulary), world)
+            symbols = self._reader.symbol_table(repository, place.head, LogPosition(place.at))
+            return conditions.truth(as_condition(question, symbols), world)
 
     def holds(self, question: Question, at: object = None, as_of: object = None) -> bool:
         """Whether a fact or condition is true at a time."""
@@ -328,8 +329,8 @@ class KnowledgeBase:
             world = self._reader.world(repository, place)
             if world is None:
                 return self._reader.state(repository, place, as_of).value(question)
-            vocabulary = self._reader.vocabulary(repository, place.head, Moment(place.at))
-            return value_in(world, as_expression(question, vocabulary))
+            symbols = self._reader.symbol_table(repository, place.head, LogPosition(place.at))
+            return value_in(world, as_expression(question, symbols))
 
     def explain(self, question: Question, at: object = None, as_of: object = None) -> Explanation:
         """Why a fact or condition is true, false or unknown at a time, and the transaction that made it so."""
@@ -399,7 +400,7 @@ class KnowledgeBase:
         """The domain now. Raises `UnknownSymbol` if none has been loaded."""
         with self._reader.repository() as repository:
             head = repository.head()
-            domain = self._reader.vocabulary(repository, head, Moment(max(head.time, self._clock.now()))).domain
+            domain = self._reader.symbol_table(repository, head, LogPosition(max(head.time, self._clock.now()))).domain
         if domain is None:
             raise UnknownSymbol(f"{self.name} has no domain; load one: kb.load('domain.pddl')")
         return domain
@@ -528,7 +529,7 @@ class KnowledgeBase:
             StoreUnavailable: the store or the file cannot be reached, or the file turned out not to be sound.
         """
         self._refuse_writing()
-        return archiving.archive(self._reader, before, path, progress=progress)
+        return archive.archive(self._reader, before, path, progress=progress)
 
     def _explain_state(self, state: State, question: Question) -> Explanation:
         return self._explainer.explain(state, question)

@@ -7,8 +7,8 @@ from typing import Annotated, Any
 
 import typer
 
-from kbstore.cli import asking, keeping, migrating, recorded, telling
-from kbstore.cli.faults import OneLineErrors
+from kbstore.cli import admin, history, migrations, query, write
+from kbstore.cli.errors import OneLineErrors
 from kbstore.cli.options import STORE
 
 app = typer.Typer(
@@ -34,46 +34,46 @@ COMMANDS: list[tuple[typer.Typer, str | None, Commands]] = [
     (
         app,
         "Tell",
-        {"load": telling.load, "add": telling.add, "remove": telling.remove, "metric": telling.metric},
+        {"load": write.load, "add": write.add, "remove": write.remove, "metric": write.metric},
     ),
     (
         app,
         "Ask about a moment",
         {
-            "state": asking.state,
-            "holds": asking.holds,
-            "value": asking.value,
-            "explain": asking.explain,
-            "applicable": asking.applicable,
+            "state": query.state,
+            "holds": query.holds,
+            "value": query.value,
+            "explain": query.explain,
+            "applicable": query.applicable,
         },
     ),
     (
         app,
         "Ask over time",
-        {"history": recorded.history, "when": recorded.when, "diff": recorded.diff, "changes": recorded.changes},
+        {"history": history.history, "when": history.when, "diff": history.diff, "changes": history.changes},
     ),
     (
         app,
         "Keep",
         {
-            "kbs": keeping.kbs,
-            "export": keeping.export,
-            "import": keeping.import_,
-            "backup": keeping.backup,
-            "archive": keeping.archive,
-            "demo": keeping.demo,
+            "kbs": admin.kbs,
+            "export": admin.export,
+            "import": admin.import_,
+            "backup": admin.backup,
+            "archive": admin.archive,
+            "demo": admin.demo,
         },
     ),
-    (goal, None, {"add": telling.goal_add, "remove": telling.goal_remove}),
+    (goal, None, {"add": write.goal_add, "remove": write.goal_remove}),
     (
         db,
         None,
         {
-            "upgrade": migrating.upgrade,
-            "downgrade": migrating.downgrade,
-            "current": migrating.current,
-            "check": migrating.check,
-            "history": migrating.history,
+            "upgrade": migrations.upgrade,
+            "downgrade": migrations.downgrade,
+            "current": migrations.current,
+            "check": migrations.check,
+            "history": migrations.history,
         },
     ),
 ]

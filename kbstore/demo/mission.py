@@ -10,7 +10,7 @@ from pathlib import Path
 import kbstore
 from kbstore.clock import ManualClock, seconds
 from kbstore.knowledge_base import KnowledgeBase
-from kbstore.record import Run
+from kbstore.model.results import Run
 
 DOMAIN = Path(__file__).with_name("domain.pddl")
 PROBLEM = Path(__file__).with_name("problem.pddl")

@@ -19,8 +19,8 @@ from kbstore.errors import StoreUnavailable
 from kbstore.knowledge_base import KnowledgeBase
 from kbstore.messages import format_number
 from kbstore.report import records, states
-from kbstore.report.moments import Moments
 from kbstore.report.tables import DIM, TITLE, sections, show, table
+from kbstore.report.time_format import TimeFormat
 
 WIDTH = 118
 """Wide enough for every line of the answers; a narrower terminal folds them."""
@@ -44,7 +44,7 @@ class Answer:
 
 def tour(kb: KnowledgeBase) -> Iterator[Answer]:
     """What no knowledge base that keeps only its current state can answer."""
-    at_end = Moments(kb.now(), brief=True)
+    at_end = TimeFormat(kb.now(), brief=True)
     alarm, before = moment("09:02:00"), moment("09:00:45")
     yield Answer(
         "What did it hold at 09:02:00, while the fire alarm was on?",
@@ -82,7 +82,7 @@ def tour(kb: KnowledgeBase) -> Iterator[Answer]:
         records.applicability_view(
             "(pass_door kenny lab_door corridor lab)",
             kb.applicable("pass_door", "kenny", "lab_door", "corridor", "lab", at=alarm),
-            Moments(alarm, brief=True),
+            TimeFormat(alarm, brief=True),
         ),
     )
     yield Answer(
@@ -94,7 +94,7 @@ def tour(kb: KnowledgeBase) -> Iterator[Answer]:
 
 def past_state(kb: KnowledgeBase, t: int) -> RenderableType:
     """The state at a time, without the building's map, which never changes."""
-    state, moments = kb.state(at=t), Moments(t, brief=True)
+    state, moments = kb.state(at=t), TimeFormat(t, brief=True)
     changing = [fact for fact in state.facts if fact.attribute_name in CHANGING]
     static = len(state.facts) - len(changing) + len(state.functions) - 1
     battery = f"(battery kenny) is {format_number(state.value('(battery kenny)'))}"
@@ -118,7 +118,7 @@ def expectation(kb: KnowledgeBase, t: int, believed_at: int) -> RenderableType:
 
 def present(kb: KnowledgeBase, file: Path, console: Console) -> None:
     """The whole demonstration, for a mission that has been recorded in a file."""
-    moments = Moments(kb.now(), brief=True)
+    moments = TimeFormat(kb.now(), brief=True)
     console.print(Text.assemble(("kbstore: a knowledge base that remembers", TITLE), "\n"))
     console.print(
         "Kenny, a porter robot, is to bring two parcels to the laboratory on the morning of 2026-05-04. One is "

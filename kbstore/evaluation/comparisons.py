@@ -16,10 +16,10 @@ from kbstore.errors import DivisionByZero, NotLinear
 from kbstore.evaluation.expressions import doubles, fold, ground, number, special
 from kbstore.evaluation.interpretation import Interpretation, Number, Span
 from kbstore.evaluation.polynomials import Polynomial, bounded, exactly
+from kbstore.evaluation.signals import Signal, painted
 from kbstore.evaluation.substitution import Bindings
-from kbstore.evaluation.tracks import Track, painted
-from kbstore.logic import Atom, Comparison, Expression, Token, atoms_of
 from kbstore.messages.enums import ComparisonType, Operator, SpecialType, Truth
+from kbstore.model.formulas import Atom, Comparison, NumericExpression, Token, atoms_of
 
 _MAX_DEGREE = 8
 """Powers of time above this do not cancel out in anything that people write."""
@@ -46,7 +46,7 @@ def over_span(
     pieces_of: Callable[[Atom], Pieces],
     bindings: Bindings,
     duration: float | None,
-) -> Track:
+) -> Signal:
     """The truth of a comparison over a span, from the pieces in which each function is defined.
 
     Crossings are exact to the nanosecond. Raises `NotLinear` where both sides' difference is not linear in time.
@@ -65,7 +65,7 @@ def over_span(
 def _grounded(comparison: Comparison, bindings: Bindings) -> Comparison:
     """The comparison with keys for names and objects for variables."""
 
-    def side(expression: Expression) -> Expression:
+    def side(expression: NumericExpression) -> NumericExpression:
         return tuple([ground(token, bindings) if isinstance(token, Atom) else token for token in expression])
 
     return Comparison(comparison.comparison, side(comparison.left), side(comparison.right))

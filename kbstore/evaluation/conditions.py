@@ -9,15 +9,15 @@ from kbstore.evaluation.evaluator import Evaluation
 from kbstore.evaluation.interpretation import Interpretation
 from kbstore.evaluation.substitution import Bindings, instantiated, instantiated_atom, keyed
 from kbstore.evaluation.wellformed import check
-from kbstore.logic import And, Atom, Condition, Defined, Exists, Forall, Imply, Not, Or, Preference, Truism
 from kbstore.messages.enums import Truth
+from kbstore.model.formulas import And, Atom, Defined, Exists, Forall, Formula, Imply, Not, Or, Preference, Truism
 from kbstore.names import is_wildcard
 
 __all__ = ["Evaluation", "check", "deciding", "truth"]
 
 
 def truth(
-    condition: Condition,
+    condition: Formula,
     world: Interpretation,
     bindings: Mapping[str, str] = {},
     *,
@@ -39,12 +39,12 @@ def truth(
 
 
 def deciding(
-    condition: Condition,
+    condition: Formula,
     world: Interpretation,
     bindings: Mapping[str, str] = {},
     *,
     duration: float | None = None,
-) -> list[tuple[Condition, Truth]]:
+) -> list[tuple[Formula, Truth]]:
     """The smallest parts of a condition that decide its truth, each with its own truth.
 
     A true disjunction, a false conjunction and a quantifier with a witness or a counterexample are decided by the
@@ -60,7 +60,7 @@ def deciding(
     return [part for part in parts if not isinstance(part[0], Truism)] or parts
 
 
-def _deciding(evaluation: Evaluation, condition: Condition, bindings: Bindings) -> Iterator[tuple[Condition, Truth]]:
+def _deciding(evaluation: Evaluation, condition: Formula, bindings: Bindings) -> Iterator[tuple[Formula, Truth]]:
     match condition:
         case Not(part) | Preference(_, part):
             yield from _deciding(evaluation, part, bindings)
@@ -83,8 +83,8 @@ def _deciding(evaluation: Evaluation, condition: Condition, bindings: Bindings) 
 
 
 def _of_parts(
-    evaluation: Evaluation, parts: tuple[Condition, ...], decisive: Truth, bindings: Bindings
-) -> Iterator[tuple[Condition, Truth]]:
+    evaluation: Evaluation, parts: tuple[Formula, ...], decisive: Truth, bindings: Bindings
+) -> Iterator[tuple[Formula, Truth]]:
     """What decides a disjunction, where TRUE is decisive, or a conjunction, where FALSE is."""
     truths = [evaluation.evaluate(part, bindings) for part in parts]
     if decisive in truths:
@@ -96,7 +96,7 @@ def _of_parts(
             yield from _deciding(evaluation, part, bindings)
 
 
-def _matched(evaluation: Evaluation, condition: Atom | Defined, bindings: Bindings) -> Condition:
+def _matched(evaluation: Evaluation, condition: Atom | Defined, bindings: Bindings) -> Formula:
     """The atom with objects for its variables, and for its wildcards those of its first match, if it has one."""
     if isinstance(condition, Atom):
         shown, matches = condition, evaluation.matches(condition, bindings)

@@ -13,8 +13,8 @@ from kbstore.evaluation.interpretation import Interpretation
 from kbstore.evaluation.joins import Guard, Relation, Types, assignments, guards, is_variable
 from kbstore.evaluation.rules import Clause, program, strata
 from kbstore.evaluation.substitution import Bindings, Pattern, pattern
-from kbstore.logic import Atom, Condition
 from kbstore.messages.enums import Truth
+from kbstore.model.formulas import Atom, Formula
 from kbstore.names import is_wildcard, key
 
 __all__ = ["Derived", "strata"]
@@ -33,7 +33,7 @@ class Derived:
     def __init__(
         self,
         world: Interpretation,
-        evaluate: Callable[[Condition, Bindings], Truth],
+        evaluate: Callable[[Formula, Bindings], Truth],
         asserted: Callable[[str], Relation],
         objects: Callable[[Types], Collection[str]],
     ) -> None:
@@ -131,7 +131,7 @@ class Derived:
 
     def _joins(
         self, clause: Clause, news: Mapping[str, Relation] | None, certainly: bool
-    ) -> Iterator[tuple[list[Guard], list[Condition]]]:
+    ) -> Iterator[tuple[list[Guard], list[Formula]]]:
         """The joins of a clause, each with the conditions that remain to be tested.
 
         With news there is one join for each atom that can read them; if another condition reads them, the join is that
@@ -144,7 +144,7 @@ class Derived:
                 readers = [None]
         for reader in readers:
             guarded: list[Guard] = []
-            tests: list[Condition] = []
+            tests: list[Formula] = []
             for i, conjunct in enumerate(clause.conjuncts):
                 for atom in guards(conjunct):
                     rows = self._rows(atom, certainly)
@@ -178,7 +178,7 @@ class Derived:
                         break
         return found
 
-    def _accepts(self, condition: Condition, bindings: Bindings, certainly: bool) -> bool:
+    def _accepts(self, condition: Formula, bindings: Bindings, certainly: bool) -> bool:
         truth = self._evaluate(condition, bindings)
         return truth is Truth.TRUE or (truth is Truth.UNKNOWN and not certainly)
 

@@ -4,21 +4,22 @@ from collections.abc import Collection, Iterator, Mapping
 from itertools import product
 from math import prod
 
-from kbstore.domain import Signature
 from kbstore.evaluation import comparisons
 from kbstore.evaluation.derived import Derived
 from kbstore.evaluation.interpretation import Arguments, Interpretation
 from kbstore.evaluation.joins import Guard, Relation, Types, assignments, guards, variables_of
 from kbstore.evaluation.substitution import Bindings, Pattern, keyed, pattern, term
 from kbstore.evaluation.wellformed import check
-from kbstore.logic import (
+from kbstore.messages.enums import Truth
+from kbstore.model.domain import Signature
+from kbstore.model.formulas import (
     And,
     Atom,
     Comparison,
-    Condition,
     Defined,
     Exists,
     Forall,
+    Formula,
     Imply,
     IsA,
     Not,
@@ -27,7 +28,6 @@ from kbstore.logic import (
     Same,
     Truism,
 )
-from kbstore.messages.enums import Truth
 from kbstore.names import key
 
 
@@ -48,7 +48,7 @@ class Evaluation:
         self._derived_names = frozenset(domain.rules) if domain else frozenset[str]()
         self._derived: Derived | None = None
 
-    def truth(self, condition: Condition, bindings: Mapping[str, str] = {}) -> Truth:
+    def truth(self, condition: Formula, bindings: Mapping[str, str] = {}) -> Truth:
         """The truth of a condition, with objects for its free variables.
 
         Raises `UnknownSymbol` and `InvalidKnowledge` as `kbstore.evaluation.wellformed.check` does, and
@@ -57,7 +57,7 @@ class Evaluation:
         check(condition, self.world.domain, bindings, duration=self.duration)
         return self.evaluate(condition, keyed(bindings))
 
-    def evaluate(self, condition: Condition, bindings: Bindings) -> Truth:
+    def evaluate(self, condition: Formula, bindings: Bindings) -> Truth:
         """The truth of a condition that has been checked. Symbols that the domain does not know say nothing."""
         match condition:
             case Atom():
@@ -145,7 +145,7 @@ class Evaluation:
             self._derived = Derived(self.world, self.evaluate, lambda name: self._signed(name, True), self.objects)
         return self._derived
 
-    def _first(self, decisive: Truth, parts: tuple[Condition, ...], bindings: Bindings) -> Truth:
+    def _first(self, decisive: Truth, parts: tuple[Formula, ...], bindings: Bindings) -> Truth:
         """The truth of a disjunction where TRUE is decisive, of a conjunction where FALSE is."""
         result = ~decisive
         for part in parts:

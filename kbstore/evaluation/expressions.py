@@ -8,9 +8,9 @@ from kbstore.clock import isoformat
 from kbstore.errors import DivisionByZero, InvalidKnowledge, UndefinedFunction
 from kbstore.evaluation.interpretation import Interpretation
 from kbstore.evaluation.substitution import instantiated_atom, keyed, term
-from kbstore.logic import Atom, Expression, Token
 from kbstore.messages.base import format_number
 from kbstore.messages.enums import Operator, SpecialType
+from kbstore.model.formulas import Atom, NumericExpression, Token
 from kbstore.names import key
 
 _Value = TypeVar("_Value")
@@ -23,7 +23,7 @@ _NO_VALUE = {
 
 
 def evaluate(
-    expression: Expression,
+    expression: NumericExpression,
     world: Interpretation,
     bindings: Mapping[str, str] = {},
     *,
@@ -62,7 +62,7 @@ def evaluate(
 
 
 def fold(
-    expression: Expression,
+    expression: NumericExpression,
     value: Callable[[Token], _Value],
     operate: Callable[[Operator, Sequence[_Value]], _Value],
 ) -> _Value:
@@ -155,7 +155,7 @@ def _read(function: Atom, bindings: Mapping[str, str], world: Interpretation) ->
     return value
 
 
-def _divisor(expression: Expression, index: int) -> str:
+def _divisor(expression: NumericExpression, index: int) -> str:
     """The divisor of the division at an index, in PDDL if it is a function or a number."""
     start, wanted = index + 1, 1
     while wanted:

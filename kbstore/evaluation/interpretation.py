@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from kbstore.clock import SECOND
-from kbstore.domain import Domain
+from kbstore.model.domain import Domain
 
 Arguments = tuple[str, ...]
 
@@ -64,7 +64,7 @@ Span = tuple[int, int]
 """A half-open interval of time, in nanoseconds."""
 
 
-class Course(Protocol):
+class Trajectory(Protocol):
     """What stands over a span of time, under one domain.
 
     Pieces are in order of time, do not overlap, and are clipped to the span; where there is none, nothing stands.
@@ -91,11 +91,11 @@ class Course(Protocol):
     def numbers(self, name: str, arguments: Arguments) -> Sequence[tuple[int, int, Number]]:
         """The pieces in which one numeric function is defined."""
 
-    def existences(self, types: Iterable[str]) -> Mapping[str, Sequence[Span]]:
+    def lifespans(self, types: Iterable[str]) -> Mapping[str, Sequence[Span]]:
         """The objects that exist somewhere in the span and are of one of the types or their subtypes, with when.
 
         Constants are included, for the whole span.
         """
 
-    def existence(self, name: str) -> Sequence[tuple[int, int, str]]:
+    def lifespan(self, name: str) -> Sequence[tuple[int, int, str]]:
         """When one object exists, and of which type; a constant exists for the whole span."""

@@ -8,7 +8,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 
 from kbstore.evaluation.interpretation import Arguments
 from kbstore.evaluation.substitution import Bindings, Pattern, pattern
-from kbstore.logic import And, Atom, Condition, Exists, Forall, Imply, Not, Or, Parameter, Preference
+from kbstore.model.formulas import And, Atom, Exists, Forall, Formula, Imply, Not, Or, Parameter, Preference
 from kbstore.names import is_wildcard, key
 
 Types = tuple[str, ...]
@@ -69,7 +69,7 @@ def variables_of(parameters: Sequence[Parameter]) -> dict[str, Types]:
     return {key(p.name): tuple([key(type_name) for type_name in p.types]) for p in parameters}
 
 
-def guards(condition: Condition, positive: bool = True) -> Iterator[Atom]:
+def guards(condition: Formula, positive: bool = True) -> Iterator[Atom]:
     """Atoms that are not false wherever the condition is not false (or, if not `positive`, not true).
 
     Variables that the condition itself quantifies are replaced by wildcards.

@@ -12,19 +12,19 @@ from functools import lru_cache
 from itertools import product
 from typing import NamedTuple
 
-from kbstore.domain import Domain, Signature
 from kbstore.errors import InvalidKnowledge
 from kbstore.evaluation.interpretation import Arguments
 from kbstore.evaluation.joins import Types, Variables, variables_of
 from kbstore.evaluation.wellformed import check
-from kbstore.logic import (
+from kbstore.model.domain import Domain, Signature
+from kbstore.model.formulas import (
     And,
     Atom,
     Comparison,
-    Condition,
     Defined,
     Exists,
     Forall,
+    Formula,
     Imply,
     IsA,
     Not,
@@ -43,7 +43,7 @@ class Clause:
 
     head: tuple[str, ...]
     variables: Variables
-    conjuncts: tuple[Condition, ...]
+    conjuncts: tuple[Formula, ...]
     reads: tuple[frozenset[str], ...]
     """The derived predicates that each conjunct reads."""
 
@@ -54,7 +54,7 @@ class Rule:
 
     head: tuple[str, ...]
     variables: Variables
-    condition: Condition
+    condition: Formula
     clauses: tuple[Clause, ...]
 
     def bindings(self, row: Arguments) -> dict[str, str] | None:
@@ -97,12 +97,12 @@ class Program:
 class Occurrence(NamedTuple):
     """A condition within a condition: whether under an even number of negations, and the variables in its scope."""
 
-    node: Condition
+    node: Formula
     positive: bool
     scope: Variables
 
 
-def walk(condition: Condition, scope: Variables, positive: bool = True) -> Iterator[Occurrence]:
+def walk(condition: Formula, scope: Variables, positive: bool = True) -> Iterator[Occurrence]:
     """A condition and all conditions within it."""
     todo = [Occurrence(condition, positive, scope)]
     while todo:
@@ -181,18 +181,18 @@ def _types(signature: Signature) -> tuple[Types, ...]:
     return tuple(tuple(map(key, p.types)) for p in signature.parameters)
 
 
-def _alternatives(condition: Condition) -> tuple[Condition, ...]:
+def _alternatives(condition: Formula) -> tuple[Formula, ...]:
     return condition.parts if isinstance(condition, Or) else (condition,)
 
 
-def _compiled(own: Signature, condition: Condition, domain: Domain) -> Rule:
+def _compiled(own: Signature, condition: Formula, domain: Domain) -> Rule:
     """The rule, its head's variables restricted to the types of both the rule and the predicate's declaration."""
     head = tuple(key(p.name) for p in own.parameters)
     declared = domain.predicate_signature(own.name)
     if len(head) != len(declared.parameters):
         raise InvalidKnowledge(f"a rule derives {own}, but the predicate is declared as {declared}")
     variables: dict[str, Types] = {}
-    restrictions: list[Condition] = []
+    restrictions: list[Formula] = []
     for variable, *both in zip(head, _types(declared), _types(own), strict=True):
         for types in both:
             if types != variables.setdefault(variable, types) and "object" not in types:
@@ -206,17 +206,17 @@ def _compiled(own: Signature, condition: Condition, domain: Domain) -> Rule:
     return Rule(head, variables, condition, clauses)
 
 
-def _reads(condition: Condition, domain: Domain) -> frozenset[str]:
+def _reads(condition: Formula, domain: Domain) -> frozenset[str]:
     """The derived predicates in a condition."""
     nodes = (occurrence.node for occurrence in walk(condition, {}))
     return frozenset(key(node.name) for node in nodes if isinstance(node, Atom) and domain.is_derived(node.name))
 
 
-def _compares(condition: Condition) -> bool:
+def _compares(condition: Formula) -> bool:
     return any(isinstance(occurrence.node, Comparison) for occurrence in walk(condition, {}))
 
 
-def _liftable(condition: Condition, variables: Variables) -> frozenset[str]:
+def _liftable(condition: Formula, variables: Variables) -> frozenset[str]:
     """The quantified variables that can be joined with the head's: declared once, and nowhere used outside."""
     declared = Counter(list(variables))
     loose = set[str]()
@@ -231,10 +231,10 @@ def _liftable(condition: Condition, variables: Variables) -> frozenset[str]:
     return frozenset(variable for variable, times in declared.items() if times == 1 and variable not in loose)
 
 
-_Body = tuple[Variables, tuple[Condition, ...]]
+_Body = tuple[Variables, tuple[Formula, ...]]
 
 
-def _bodies(condition: Condition, positive: bool, liftable: frozenset[str]) -> list[_Body]:
+def _bodies(condition: Formula, positive: bool, liftable: frozenset[str]) -> list[_Body]:
     """The disjunctive normal form of a condition (or, if not `positive`, of its negation), as far as it pays.
 
     Quantifiers whose variables are `liftable` are dissolved where they stand for an existence.
@@ -258,7 +258,7 @@ def _bodies(condition: Condition, positive: bool, liftable: frozenset[str]) -> l
     return [({}, (condition if positive else Not(condition),))]
 
 
-def _multiplied(parts: tuple[Condition, ...], alternatives: list[list[_Body]], positive: bool) -> list[_Body]:
+def _multiplied(parts: tuple[Formula, ...], alternatives: list[list[_Body]], positive: bool) -> list[_Body]:
     """Every choice of one body of each part, unless these are too many: then parts with a choice stay as they are."""
     number = 1
     for i, bodies in enumerate(alternatives):

@@ -4,31 +4,31 @@ from collections import defaultdict
 from collections.abc import Collection, Iterable, Sequence
 from functools import cached_property
 
-from kbstore.domain import ROOT_TYPE, Domain
 from kbstore.evaluation.interpretation import Arguments, Number
 from kbstore.messages import KnowledgeType
+from kbstore.model.domain import ROOT_TYPE, Domain
+from kbstore.model.timelines import Role, Timeline, Value, atom_key
 from kbstore.names import key
-from kbstore.timelines import Role, Timeline, Value, atom_key
 
-Row = tuple[Timeline, int, Value]
+StateRow = tuple[Timeline, int, Value]
 
 
 class Snapshot:
     """The state at one moment, from the assertions that stand; indexed when first asked."""
 
-    def __init__(self, time: int, rows: Sequence[Row], domain: Domain | None, use_unknowns: bool) -> None:
+    def __init__(self, time: int, rows: Sequence[StateRow], domain: Domain | None, use_unknowns: bool) -> None:
         self.time = time
         self.rows = rows
         self.domain = domain
         self.use_unknowns = use_unknowns
-        self._by_key: dict[KnowledgeType, dict[str, Row]] = {}
+        self._by_key: dict[KnowledgeType, dict[str, StateRow]] = {}
         self._of_types: dict[tuple[str, ...], Collection[str]] = {}
 
-    def of(self, kind: KnowledgeType, role: Role = Role.STATE) -> list[Row]:
+    def of(self, kind: KnowledgeType, role: Role = Role.STATE) -> list[StateRow]:
         """The rows of a knowledge type."""
         return [row for row in self.rows if row[0].kind is kind and row[0].role is role]
 
-    def row(self, kind: KnowledgeType, name: str) -> Row | None:
+    def row(self, kind: KnowledgeType, name: str) -> StateRow | None:
         """The assertion that stands on one timeline of the state."""
         by_key = self._by_key.get(kind)
         if by_key is None:

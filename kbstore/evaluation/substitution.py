@@ -2,18 +2,18 @@
 
 from collections.abc import Mapping
 
-from kbstore.logic import (
+from kbstore.model.formulas import (
     And,
     Atom,
     Comparison,
-    Condition,
     Defined,
     Exists,
-    Expression,
     Forall,
+    Formula,
     Imply,
     IsA,
     Not,
+    NumericExpression,
     Or,
     Preference,
     Same,
@@ -43,7 +43,7 @@ def pattern(atom: Atom, bindings: Bindings) -> Pattern:
     return tuple(term(argument, bindings) for argument in atom.arguments)
 
 
-def instantiated(condition: Condition, bindings: Bindings) -> Condition:
+def instantiated(condition: Formula, bindings: Bindings) -> Formula:
     """The condition with objects for its free variables; what a quantifier binds itself is left alone."""
     if not bindings:
         return condition
@@ -83,5 +83,5 @@ def instantiated_atom(atom: Atom, bindings: Bindings) -> Atom:
     return Atom(atom.name, tuple([_argument(argument, bindings) for argument in atom.arguments]))
 
 
-def _expression(expression: Expression, bindings: Bindings) -> Expression:
+def _expression(expression: NumericExpression, bindings: Bindings) -> NumericExpression:
     return tuple([instantiated_atom(token, bindings) if isinstance(token, Atom) else token for token in expression])

@@ -2,22 +2,23 @@
 
 from collections.abc import Mapping
 
-from kbstore.domain import Domain, Signature
 from kbstore.errors import InvalidKnowledge
 from kbstore.evaluation.expressions import fold, ground, number, special
 from kbstore.evaluation.substitution import Bindings, keyed, term
-from kbstore.logic import (
+from kbstore.messages.enums import SpecialType
+from kbstore.model.domain import Domain, Signature
+from kbstore.model.formulas import (
     And,
     Atom,
     Comparison,
-    Condition,
     Defined,
     Exists,
-    Expression,
     Forall,
+    Formula,
     Imply,
     IsA,
     Not,
+    NumericExpression,
     Or,
     Parameter,
     Preference,
@@ -25,7 +26,6 @@ from kbstore.logic import (
     Token,
     Truism,
 )
-from kbstore.messages.enums import SpecialType
 from kbstore.names import key
 
 MAX_DEPTH = 160
@@ -33,7 +33,7 @@ MAX_DEPTH = 160
 
 
 def check(
-    condition: Condition,
+    condition: Formula,
     domain: Domain | None,
     bindings: Mapping[str, str] = {},
     *,
@@ -48,12 +48,12 @@ def check(
         UnknownSymbol: a predicate, function or type that the domain does not know.
         InvalidKnowledge: wrong arity, a loose variable, ``?duration`` without a duration, nesting beyond `MAX_DEPTH`.
     """
-    todo: list[tuple[Condition, Bindings, int]] = [(condition, keyed(bindings), 1)]
+    todo: list[tuple[Formula, Bindings, int]] = [(condition, keyed(bindings), 1)]
     while todo:
         node, known, depth = todo.pop()
         if depth > MAX_DEPTH:
             raise InvalidKnowledge(f"the condition is nested deeper than {MAX_DEPTH} levels; split it")
-        parts: tuple[Condition, ...] = ()
+        parts: tuple[Formula, ...] = ()
         match node:
             case Atom():
                 _check_arity(node, domain.predicate_signature(node.name) if domain else None)
@@ -115,7 +115,9 @@ def _check_object(argument: str, known: Bindings) -> None:
         )
 
 
-def _check_expression(expression: Expression, domain: Domain | None, known: Bindings, duration: float | None) -> None:
+def _check_expression(
+    expression: NumericExpression, domain: Domain | None, known: Bindings, duration: float | None
+) -> None:
     def check_token(token: Token) -> None:
         if isinstance(token, Atom):
             _check_arity(token, domain.function_signature(token.name) if domain else None)

@@ -6,25 +6,26 @@ Each part of the condition becomes a track of its truth over time; tracks are co
 
 from collections.abc import Iterator, Mapping, Sequence
 
-from kbstore.evaluation import tracks
-from kbstore.evaluation.course_views import CourseAt, RememberedCourse
+from kbstore.evaluation import signals
 from kbstore.evaluation.evaluator import Evaluation
-from kbstore.evaluation.interpretation import Arguments, Course, Interpretation
+from kbstore.evaluation.interpretation import Arguments, Interpretation, Trajectory
 from kbstore.evaluation.intervals import Intervals
 from kbstore.evaluation.joins import Guard, Relation, Types, Variables, assignments, guards, is_variable, variables_of
-from kbstore.evaluation.leaf_tracks import LeafTracks
+from kbstore.evaluation.leaf_signals import LeafSignals
 from kbstore.evaluation.rules import program, walk
+from kbstore.evaluation.signals import Signal
 from kbstore.evaluation.substitution import Bindings, Pattern, keyed, pattern, term
-from kbstore.evaluation.tracks import Track
+from kbstore.evaluation.trajectory_views import CachedTrajectory, TrajectoryAt
 from kbstore.evaluation.wellformed import check
-from kbstore.logic import (
+from kbstore.messages.enums import Truth
+from kbstore.model.formulas import (
     And,
     Atom,
     Comparison,
-    Condition,
     Defined,
     Exists,
     Forall,
+    Formula,
     Imply,
     IsA,
     Not,
@@ -34,29 +35,28 @@ from kbstore.logic import (
     Truism,
     atoms_of,
 )
-from kbstore.messages.enums import Truth
 from kbstore.names import is_wildcard, key
 
 
 def intervals(
-    condition: Condition, course: Course, bindings: Mapping[str, str] = {}, *, duration: float | None = None
+    condition: Formula, trajectory: Trajectory, bindings: Mapping[str, str] = {}, *, duration: float | None = None
 ) -> Intervals:
     """The maximal half-open intervals within the course's span in which a condition is true.
 
     Raises what `truths` raises.
     """
-    pieces = truths(condition, course, bindings, duration=duration)
+    pieces = truths(condition, trajectory, bindings, duration=duration)
     return Intervals((start, end) for start, end, truth in pieces if truth is Truth.TRUE)
 
 
-def unchecked_intervals(condition: Condition, course: Course) -> Intervals:
+def unchecked_intervals(condition: Formula, trajectory: Trajectory) -> Intervals:
     """The same where the domain does not know all of the symbols, which say nothing then (rule D4)."""
-    pieces = tracks.pieces(Tracks(course).of(condition, {}), course.span)
+    pieces = signals.pieces(SignalEvaluator(trajectory).of(condition, {}), trajectory.span)
     return Intervals((start, end) for start, end, truth in pieces if truth is Truth.TRUE)
 
 
 def truths(
-    condition: Condition, course: Course, bindings: Mapping[str, str] = {}, *, duration: float | None = None
+    condition: Formula, trajectory: Trajectory, bindings: Mapping[str, str] = {}, *, duration: float | None = None
 ) -> list[tuple[int, int, Truth]]:
     """The truth of a condition throughout the course's span, as maximal pieces in order.
 
@@ -65,50 +65,52 @@ def truths(
         InvalidKnowledge: the condition has no meaning, or needs numbers of absurd size to be decided exactly.
         NotLinear: a comparison is not linear in time somewhere in the span.
     """
-    check(condition, course.domain, bindings, duration=duration)
-    if course.span[0] >= course.span[1]:
+    check(condition, trajectory.domain, bindings, duration=duration)
+    if trajectory.span[0] >= trajectory.span[1]:
         return []
-    return tracks.pieces(Tracks(course, duration=duration).of(condition, keyed(bindings)), course.span)
+    return signals.pieces(
+        SignalEvaluator(trajectory, duration=duration).of(condition, keyed(bindings)), trajectory.span
+    )
 
 
-def moment(course: Course, t: int) -> Interpretation:
+def moment(trajectory: Trajectory, t: int) -> Interpretation:
     """How things stand at one time of the course's span."""
-    return CourseAt(course, t)
+    return TrajectoryAt(trajectory, t)
 
 
-class Tracks:
+class SignalEvaluator:
     """The tracks of conditions over one course. They must be well-formed; unknown symbols say nothing."""
 
-    def __init__(self, course: Course, *, duration: float | None = None) -> None:
-        self._course = RememberedCourse(course)
-        self._start = course.span[0]
-        self._leaves = LeafTracks(self._course, duration)
-        self._derived_names = frozenset(course.domain.rules) if course.domain else frozenset[str]()
-        self._derived: dict[str, dict[Arguments, Track]] = {}
+    def __init__(self, trajectory: Trajectory, *, duration: float | None = None) -> None:
+        self._trajectory = CachedTrajectory(trajectory)
+        self._start = trajectory.span[0]
+        self._leaves = LeafSignals(self._trajectory, duration)
+        self._derived_names = frozenset(trajectory.domain.rules) if trajectory.domain else frozenset[str]()
+        self._derived: dict[str, dict[Arguments, Signal]] = {}
         self._rows: dict[str, Relation] = {}
 
-    def of(self, condition: Condition, bindings: Bindings) -> Track:
+    def of(self, condition: Formula, bindings: Bindings) -> Signal:
         """The track of a condition, with objects for its free variables."""
         for node, _, scope in walk(condition, {}):
             # of a predicate that is asked of many objects, everything is read at once
             if isinstance(node, Atom) and any(is_variable(a, scope) for a in node.arguments):
-                self._course.all_signs(key(node.name))
+                self._trajectory.all_signs(key(node.name))
         return self._track(condition, bindings)
 
-    def _track(self, condition: Condition, bindings: Bindings) -> Track:
+    def _track(self, condition: Formula, bindings: Bindings) -> Signal:
         match condition:
             case Atom(name):
                 if key(name) in self._derived_names:
                     return self._derived_atom(key(name), pattern(condition, bindings))
                 return self._leaves.fact(condition, bindings)
             case Not(part):
-                return tracks.inverted(self._track(part, bindings))
+                return signals.inverted(self._track(part, bindings))
             case And(parts):
                 return self._all([self._track(part, bindings) for part in parts])
             case Or(parts):
                 return self._any([self._track(part, bindings) for part in parts])
             case Imply(premise, conclusion):
-                return self._any([tracks.inverted(self._track(premise, bindings)), self._track(conclusion, bindings)])
+                return self._any([signals.inverted(self._track(premise, bindings)), self._track(conclusion, bindings)])
             case Exists() | Forall():
                 return self._quantified(condition, bindings)
             case Comparison():
@@ -124,13 +126,13 @@ class Tracks:
             case Truism():
                 return self._leaves.constant(Truth.TRUE)
 
-    def _all(self, parts: Sequence[Track]) -> Track:
-        return tracks.conjunction(parts, self._start)
+    def _all(self, parts: Sequence[Signal]) -> Signal:
+        return signals.conjunction(parts, self._start)
 
-    def _any(self, parts: Sequence[Track]) -> Track:
-        return tracks.disjunction(parts, self._start)
+    def _any(self, parts: Sequence[Signal]) -> Signal:
+        return signals.disjunction(parts, self._start)
 
-    def _quantified(self, quantified: Exists | Forall, bindings: Bindings) -> Track:
+    def _quantified(self, quantified: Exists | Forall, bindings: Bindings) -> Signal:
         """`Forall` as the absence of a counterexample; an object counts only while it exists."""
         variables, witness = variables_of(quantified.parameters), isinstance(quantified, Exists)
         guarded = [guard for atom in guards(quantified.part, witness) for guard in self._guard(atom)]
@@ -138,40 +140,40 @@ class Tracks:
         for found in assignments(variables, guarded, bindings, self._leaves.objects):
             track = self._track(quantified.part, found)
             presence = [self._leaves.presence(found[variable], types) for variable, types in variables.items()]
-            instances.append(self._all([track if witness else tracks.inverted(track), *presence]))
-        return self._any(instances) if witness else tracks.inverted(self._any(instances))
+            instances.append(self._all([track if witness else signals.inverted(track), *presence]))
+        return self._any(instances) if witness else signals.inverted(self._any(instances))
 
     def _guard(self, atom: Atom) -> Iterator[Guard]:
         """The rows outside of which an atom is false throughout the span; in an open world they cannot be listed."""
-        if self._course.use_unknowns:
+        if self._trajectory.use_unknowns:
             return
         name = key(atom.name)
         if name in self._derived_names:
             self._derived_tracks(name)
         elif name not in self._rows:
-            said = self._course.all_signs(name).items()
+            said = self._trajectory.all_signs(name).items()
             self._rows[name] = Relation(row for row, pieces in said if any(sign for _, _, sign in pieces))
         yield atom, self._rows[name]
 
     # -- derived predicates -----------------------------------------------------------------------------------
 
-    def _derived_atom(self, name: str, wanted: Pattern) -> Track:
+    def _derived_atom(self, name: str, wanted: Pattern) -> Signal:
         """A derived atom; of objects that do not exist it is absent (rule V8)."""
         tracks_of = self._derived_tracks(name)
         found = [tracks_of[row] for row in self._rows[name].matching(wanted)]
-        if self._course.use_unknowns:
+        if self._trajectory.use_unknowns:
             exist = [self._leaves.is_a(value, ("object",)) for value in wanted if value is not None]
             matching = [self._leaves.is_a(None, types) for types in self._leaves.wild_ranges(name, wanted)]
-            found.append(self._all([tracks.false_else_unknown(self._all(exist)), *matching]))
+            found.append(self._all([signals.false_else_unknown(self._all(exist)), *matching]))
         return self._any(found)
 
-    def _derived_tracks(self, name: str) -> Mapping[Arguments, Track]:
+    def _derived_tracks(self, name: str) -> Mapping[Arguments, Signal]:
         """The tracks of all rows of which a derived predicate is not false throughout the span."""
         if name not in self._derived:
-            rows: dict[Arguments, Track] = {}
+            rows: dict[Arguments, Signal] = {}
             before: dict[Arguments, Truth] = {}
             for t in sorted(self._turning_points(name)):
-                certain, possible = Evaluation(CourseAt(self._course, t)).derived.relations(name)
+                certain, possible = Evaluation(TrajectoryAt(self._trajectory, t)).derived.relations(name)
                 now = dict.fromkeys(possible, Truth.UNKNOWN) | dict.fromkeys(certain, Truth.TRUE)
                 for row in before.keys() | now.keys():
                     truth = now.get(row, Truth.FALSE)
@@ -186,7 +188,7 @@ class Tracks:
 
     def _turning_points(self, name: str) -> set[int]:
         """The times at which something changes on which a derived predicate depends, and the start of the span."""
-        domain = self._course.domain
+        domain = self._trajectory.domain
         if domain is None:
             raise ValueError("only a domain has derived predicates")
         rules = program(domain)
@@ -205,9 +207,9 @@ class Tracks:
                         }
                         for bindings in assignments(used, (), {}, self._leaves.objects):
                             found.append(self._track(node, bindings))
-        return {self._start} | tracks.changes(found)
+        return {self._start} | signals.changes(found)
 
-    def _fact_tracks(self, atom: Atom, scope: Variables) -> Iterator[Track]:
+    def _fact_tracks(self, atom: Atom, scope: Variables) -> Iterator[Signal]:
         """Tracks that change wherever an atom in a rule may change, whatever its variables stand for."""
         name, wanted = key(atom.name), pattern(atom, {variable: variable for variable in scope})
         for argument in atom.arguments:
@@ -216,10 +218,10 @@ class Tracks:
         for types in self._leaves.wild_ranges(name, wanted):
             yield from self._presences(types)
         if name not in self._derived_names:
-            for row in self._course.all_signs(name):
+            for row in self._trajectory.all_signs(name):
                 yield self._leaves.fact(Atom(name, row), {})
 
-    def _presences(self, types: Types) -> list[Track]:
+    def _presences(self, types: Types) -> list[Signal]:
         return [self._leaves.presence(name, types) for name in self._leaves.objects(types)]
 
 

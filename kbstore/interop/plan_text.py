@@ -10,9 +10,9 @@ import re
 from fractions import Fraction
 
 from kbstore.clock import TIME_LIMIT
-from kbstore.domain import Domain
 from kbstore.errors import PddlSyntaxError
 from kbstore.interop.plans import Happening, Step, in_order, nanoseconds, timed_steps
+from kbstore.model.domain import Domain
 
 _NUMBER = r"(\d{1,20}(?:\.\d{0,30})?|\.\d{1,30})"
 _ACTION = re.compile(rf"(?:{_NUMBER}\s*+:\s*+)?\(\s*+([^()\s]++)([^()]*+)\)\s*+(?:\[\s*+{_NUMBER}\s*+\])?")

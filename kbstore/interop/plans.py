@@ -11,8 +11,8 @@ from kbstore.clock import SECOND
 from kbstore.errors import InvalidKnowledge
 from kbstore.interop.up_symbols import library
 from kbstore.messages.base import format_number
+from kbstore.model.results import Run
 from kbstore.names import key
-from kbstore.record import Run
 
 ROUNDING = 2
 """Nanoseconds by which times of a plan may differ that are meant to be the same."""

@@ -9,29 +9,29 @@ from collections.abc import Iterable, Iterator
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
-from kbstore import logic
 from kbstore.clock import SECOND, isoformat
-from kbstore.domain import Domain
 from kbstore.errors import InvalidKnowledge
 from kbstore.interop.plans import Happening, Step, execute, steps
-from kbstore.interop.up_actions import Actions, changed_functions
-from kbstore.interop.up_constraints import Trajectory, read_constraint, translated, types_of
-from kbstore.interop.up_formulas import Formulas
+from kbstore.interop.up_actions import ActionTranslator, changed_functions
+from kbstore.interop.up_constraints import TrajectoryConstraint, read_constraint, translated, types_of
+from kbstore.interop.up_formulas import FormulaTranslator
 from kbstore.interop.up_symbols import (
     MissingLibrary,
     Refusals,
-    Symbols,
+    SymbolTranslator,
     ambiguous_names,
     common_type,
     library,
     quantified,
 )
-from kbstore.logic import Atom, atoms_of
 from kbstore.messages import Condition, Expression, Fact, Function, Goal, Inequality, KnowledgeItem, SpecialType
 from kbstore.messages.base import format_number
+from kbstore.model import formulas
+from kbstore.model.domain import Domain
+from kbstore.model.formulas import Atom, atoms_of
 from kbstore.names import key
-from kbstore.pddl.forms import condition_of, from_composite, parse_condition
-from kbstore.pddl.text import condition_text
+from kbstore.pddl.parse import condition_of, from_composite, parse_condition
+from kbstore.pddl.printer import condition_text
 
 if TYPE_CHECKING:
     from kbstore.reading.state import State
@@ -83,12 +83,12 @@ class _Translation:
         last_rates = {item.key: item.rate for _, item, _ in state.end_effects if isinstance(item, Function)}
         self._coming_to_rest = {function for function, rate in last_rates.items() if not rate}
         self._goals = [_goal_condition(goal, domain) for goal in state.goals]
-        self._constraints: dict[str, Trajectory] = {}
+        self._constraints: dict[str, TrajectoryConstraint] = {}
         for text in state.constraints:
             with self._refusals.of("the constraints"):
                 self._constraints[text] = read_constraint(text, domain)
-        self._symbols = Symbols(domain, self._objects, self._types_in_use(), environment)
-        self._formulas = Formulas(self._symbols)
+        self._symbols = SymbolTranslator(domain, self._objects, self._types_in_use(), environment)
+        self._formulas = FormulaTranslator(self._symbols)
         self._problem = self._up.model.Problem(
             state.name, environment, initial_defaults={environment.type_manager.BoolType(): False}
         )
@@ -155,7 +155,7 @@ class _Translation:
         timed = (item.attribute_name for item in self._state.timed_knowledge if isinstance(item, Function))
         ends = (item.attribute_name for _, item, _ in self._state.end_effects if isinstance(item, Function))
         changing = frozenset((*changed_functions(self._domain), *map(key, timed), *map(key, ends)))
-        actions = Actions(self._formulas, changing)
+        actions = ActionTranslator(self._formulas, changing)
         for action in self._domain.actions.values():
             with self._refusals.of(f"the operator {action.name}"):
                 self._problem.add_action(actions.action(action))
@@ -221,7 +221,7 @@ def _subject(item: KnowledgeItem) -> tuple[object, ...]:
     return (item.knowledge_type, *item.key) if isinstance(item, Fact | Function) else (str(item),)
 
 
-def _goal_condition(goal: Goal, domain: Domain) -> logic.Condition:
+def _goal_condition(goal: Goal, domain: Domain) -> formulas.Formula:
     if isinstance(goal, Condition):
         return parse_condition(goal.text, domain)
     return condition_of(goal, domain)

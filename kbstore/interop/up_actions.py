@@ -4,44 +4,44 @@ from collections.abc import Iterator
 from functools import partial
 from typing import Any, NamedTuple
 
-from kbstore.actions import Action
 from kbstore.clock import SECOND, TIME_LIMIT
-from kbstore.domain import Domain
 from kbstore.errors import InvalidKnowledge
-from kbstore.interop.up_formulas import Formulas, Scope
+from kbstore.interop.up_formulas import FormulaTranslator, UpVariables
 from kbstore.interop.up_symbols import library
-from kbstore.logic import (
+from kbstore.messages import AssignOp, ComparisonType, Operator
+from kbstore.model.actions import Action
+from kbstore.model.domain import Domain
+from kbstore.model.formulas import (
     Add,
     And,
-    Change,
-    Condition,
     Delete,
     Effect,
-    Expression,
     ForEach,
-    Moment,
+    Formula,
+    NumericEffect,
+    NumericExpression,
+    Timing,
     When,
     WhenAtStart,
     atoms_of,
 )
-from kbstore.messages import AssignOp, ComparisonType, Operator
 from kbstore.names import key
-from kbstore.pddl.text import effect_text
+from kbstore.pddl.printer import effect_text
 
 
 class _Simple(NamedTuple):
     """An effect without ``when`` and ``forall``, and what these say of it."""
 
-    effect: Add | Delete | Change
-    scope: Scope
+    effect: Add | Delete | NumericEffect
+    scope: UpVariables
     variables: tuple[Any, ...]
     conditions: tuple[Any, ...]
 
 
-class Actions:
+class ActionTranslator:
     """Translates operators; `changing` are the keys of the functions that something changes."""
 
-    def __init__(self, formulas: Formulas, changing: frozenset[str]) -> None:
+    def __init__(self, formulas: FormulaTranslator, changing: frozenset[str]) -> None:
         self._formulas = formulas
         self._changing = changing
         self._up = library()
@@ -58,7 +58,7 @@ class Actions:
         for parameter in action.parameters:
             if len(parameter.types) > 1:
                 is_of = self._formulas.is_of(scope[key(parameter.name)], parameter.types, scope)
-                self._add_condition(made, Moment.AT_START, is_of)
+                self._add_condition(made, Timing.AT_START, is_of)
         for moment, condition in action.conditions:
             duration = self._duration_value(action, moment, scope)
             for part in _conjuncts(condition):
@@ -71,13 +71,13 @@ class Actions:
 
     # -- durations --------------------------------------------------------------------------------------------
 
-    def _duration(self, action: Action, scope: Scope) -> Any:
+    def _duration(self, action: Action, scope: UpVariables) -> Any:
         """The interval of the duration; what is not bounded is bounded by the range of durations."""
         lower: tuple[Any, bool] | None = None
         upper: tuple[Any, bool] | None = None
         for constraint in action.duration:
-            if constraint.moment is not Moment.AT_START:
-                raise InvalidKnowledge(f"a duration constraint {constraint.moment.value} has no counterpart")
+            if constraint.timing is not Timing.AT_START:
+                raise InvalidKnowledge(f"a duration constraint {constraint.timing.value} has no counterpart")
             bound = self._formulas.expression(constraint.bound, scope)
             comparison = constraint.comparison
             is_open = comparison in (ComparisonType.GREATER, ComparisonType.LESS)
@@ -91,33 +91,33 @@ class Actions:
         most, most_open = upper or (self._make.Int(TIME_LIMIT // SECOND), False)
         return self._up.model.timing.DurationInterval(least, most, least_open, most_open)
 
-    def _duration_value(self, action: Action, moment: Moment, scope: Scope) -> Any:
+    def _duration_value(self, action: Action, moment: Timing, scope: UpVariables) -> Any:
         """What stands for ``?duration`` at a moment, None if nothing does.
 
         There is no word for it in unified_planning; a duration that the domain fixes can be written out where it is
         the same as at the start.
         """
         fixed = [c.bound for c in action.duration if c.comparison is ComparisonType.EQUALS]
-        if len(fixed) != 1 or not (moment is Moment.AT_START or self._is_constant(fixed[0])):
+        if len(fixed) != 1 or not (moment is Timing.AT_START or self._is_constant(fixed[0])):
             return None
         return self._formulas.expression(fixed[0], scope)
 
-    def _is_constant(self, expression: Expression) -> bool:
+    def _is_constant(self, expression: NumericExpression) -> bool:
         return not any(key(function.name) in self._changing for function in atoms_of(expression))
 
     # -- conditions -------------------------------------------------------------------------------------------
 
-    def _add_condition(self, made: Any, moment: Moment, condition: Any) -> None:
+    def _add_condition(self, made: Any, moment: Timing, condition: Any) -> None:
         if isinstance(made, self._up.model.InstantaneousAction):
             made.add_precondition(condition)
             return
         model = self._up.model
         match moment:
-            case Moment.AT_START:
+            case Timing.AT_START:
                 made.add_condition(model.StartTiming(), condition)
-            case Moment.OVER_ALL:
+            case Timing.OVER_ALL:
                 made.add_condition(model.OpenTimeInterval(model.StartTiming(), model.EndTiming()), condition)
-            case Moment.AT_END:
+            case Timing.AT_END:
                 made.add_condition(model.EndTiming(), condition)
 
     # -- effects ----------------------------------------------------------------------------------------------
@@ -125,7 +125,7 @@ class Actions:
     def _simple(
         self,
         effect: Effect,
-        scope: Scope,
+        scope: UpVariables,
         duration: Any,
         variables: tuple[Any, ...] = (),
         conditions: tuple[Any, ...] = (),
@@ -144,22 +144,22 @@ class Actions:
                     f"{effect_text(effect)} has no counterpart: the condition of an effect is one of the effect's own "
                     "moment there; record the condition as a fact at start, and make the effect depend on that fact"
                 )
-            case Add() | Delete() | Change():
+            case Add() | Delete() | NumericEffect():
                 yield _Simple(effect, scope, variables, conditions)
 
-    def _add_effect(self, made: Any, moment: Moment, simple: _Simple, duration: Any) -> None:
+    def _add_effect(self, made: Any, moment: Timing, simple: _Simple, duration: Any) -> None:
         effect, scope, variables, conditions = simple
-        if isinstance(effect, Change) and effect.operation is AssignOp.ASSIGN_CTS:
+        if isinstance(effect, NumericEffect) and effect.operation is AssignOp.ASSIGN_CTS:
             self._add_continuous(made, simple, duration)
             return
         instantaneous = isinstance(made, self._up.model.InstantaneousAction)
-        timing = self._up.model.EndTiming() if moment is Moment.AT_END else self._up.model.StartTiming()
+        timing = self._up.model.EndTiming() if moment is Timing.AT_END else self._up.model.StartTiming()
         place: tuple[Any, ...] = () if instantaneous else (timing,)
         trigger = self._make.And(*conditions)
         add, increase, decrease = (
             partial(method, *place) for method in (made.add_effect, made.add_increase_effect, made.add_decrease_effect)
         )
-        if not isinstance(effect, Change):
+        if not isinstance(effect, NumericEffect):
             add(self._formulas.fact(effect.atom, scope), isinstance(effect, Add), trigger, variables)
             return
         function = self._formulas.function(effect.function, scope)
@@ -178,7 +178,7 @@ class Actions:
 
     def _add_continuous(self, made: Any, simple: _Simple, duration: Any) -> None:
         effect, scope, variables, conditions = simple
-        assert isinstance(effect, Change)
+        assert isinstance(effect, NumericEffect)
         if variables or conditions:
             raise InvalidKnowledge(f"{effect_text(effect)} within when or forall has no counterpart")
         model = self._up.model
@@ -197,11 +197,11 @@ def changed_functions(domain: Domain) -> Iterator[str]:
         match todo.pop():
             case When(_, parts) | WhenAtStart(_, parts) | ForEach(_, parts):
                 todo.extend(parts)
-            case Change(_, function, _):
+            case NumericEffect(_, function, _):
                 yield key(function.name)
 
 
-def _conjuncts(condition: Condition) -> Iterator[Condition]:
+def _conjuncts(condition: Formula) -> Iterator[Formula]:
     if isinstance(condition, And):
         for part in condition.parts:
             yield from _conjuncts(part)

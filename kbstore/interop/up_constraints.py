@@ -4,14 +4,14 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, Union
 
-from kbstore.domain import Domain
 from kbstore.errors import InvalidKnowledge
-from kbstore.interop.up_formulas import NOTHING, Formulas, Scope
+from kbstore.interop.up_formulas import NOTHING, FormulaTranslator, UpVariables
 from kbstore.interop.up_symbols import quantified
-from kbstore.logic import Condition, Parameter
+from kbstore.model.domain import Domain
+from kbstore.model.formulas import Formula, Parameter
 from kbstore.pddl.conditions import ConditionReader
-from kbstore.pddl.context import NO_VARIABLES, Context, Variables
-from kbstore.pddl.sexpr import Group, Source, node_text
+from kbstore.pddl.scope import NO_VARIABLES, Scope, Variables
+from kbstore.pddl.sexpr import Group, SourceText, node_text
 from kbstore.pddl.typed_lists import bound
 
 _MAKERS = {
@@ -25,50 +25,50 @@ _MAKERS = {
 
 
 @dataclass(frozen=True)
-class Trajectory:
+class TrajectoryConstraint:
     """A constraint: ``and``, ``forall``, or one of the words with its conditions."""
 
     word: str
-    parts: tuple[Union[Condition, "Trajectory"], ...]
+    parts: tuple[Union[Formula, "TrajectoryConstraint"], ...]
     parameters: tuple[Parameter, ...] = ()
 
 
-def read_constraint(text: str, domain: Domain) -> Trajectory:
+def read_constraint(text: str, domain: Domain) -> TrajectoryConstraint:
     """The constraint that a text, which has been read before, says.
 
     Raises `InvalidKnowledge` for one that unified_planning has no word for.
     """
-    source = Source(text)
-    reader = ConditionReader(Context(source, domain))
+    source = SourceText(text)
+    reader = ConditionReader(Scope(source, domain))
     top = source.read()
     return _read(reader, top[0] if len(top) == 1 and isinstance(top[0], Group) else top, NO_VARIABLES)
 
 
-def _read(reader: ConditionReader, group: Group, variables: Variables) -> Trajectory:
+def _read(reader: ConditionReader, group: Group, variables: Variables) -> TrajectoryConstraint:
     word = group.word(0)
     parts = [part for part in group[1:] if isinstance(part, Group)]
     if word == "and":
-        return Trajectory(word, tuple(_read(reader, part, variables) for part in parts))
+        return TrajectoryConstraint(word, tuple(_read(reader, part, variables) for part in parts))
     if word == "forall":
         parameters, part = reader.quantified(group)
-        return Trajectory(word, (_read(reader, part, bound(variables, parameters)),), parameters)
+        return TrajectoryConstraint(word, (_read(reader, part, bound(variables, parameters)),), parameters)
     if word not in _MAKERS:
         raise InvalidKnowledge(
             f"{node_text(group, 60)} has no counterpart in unified_planning; it has {', '.join(_MAKERS)}"
         )
-    return Trajectory(word, tuple(reader.read(part, variables) for part in parts))
+    return TrajectoryConstraint(word, tuple(reader.read(part, variables) for part in parts))
 
 
-def translated(constraint: Trajectory, formulas: Formulas, scope: Scope = NOTHING) -> Any:
+def translated(constraint: TrajectoryConstraint, formulas: FormulaTranslator, scope: UpVariables = NOTHING) -> Any:
     """The constraint as an expression of unified_planning."""
     make = formulas.symbols.environment.expression_manager
     if constraint.word in _MAKERS:
-        conditions = [part for part in constraint.parts if not isinstance(part, Trajectory)]
+        conditions = [part for part in constraint.parts if not isinstance(part, TrajectoryConstraint)]
         return getattr(make, _MAKERS[constraint.word])(
             *(formulas.condition(condition, scope) for condition in conditions)
         )
     each = list(formulas.bound(constraint.parameters, scope)) if constraint.word == "forall" else [([], scope)]
-    parts = [part for part in constraint.parts if isinstance(part, Trajectory)]
+    parts = [part for part in constraint.parts if isinstance(part, TrajectoryConstraint)]
     return make.And(
         *(
             make.Forall(translated(part, formulas, inner), *variables)
@@ -80,8 +80,8 @@ def translated(constraint: Trajectory, formulas: Formulas, scope: Scope = NOTHIN
     )
 
 
-def types_of(constraint: Trajectory) -> Iterator[str]:
+def types_of(constraint: TrajectoryConstraint) -> Iterator[str]:
     """The types that a constraint's quantifiers range over."""
     yield from (type_name for parameter in constraint.parameters for type_name in parameter.types)
     for part in constraint.parts:
-        yield from types_of(part) if isinstance(part, Trajectory) else quantified(part)
+        yield from types_of(part) if isinstance(part, TrajectoryConstraint) else quantified(part)

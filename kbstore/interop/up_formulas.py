@@ -7,45 +7,45 @@ from typing import Any
 
 from kbstore.errors import InvalidKnowledge
 from kbstore.evaluation import expressions
-from kbstore.interop.up_symbols import Symbols, library
-from kbstore.logic import (
+from kbstore.interop.up_symbols import SymbolTranslator, library
+from kbstore.messages import ComparisonType, Operator, SpecialType
+from kbstore.messages.base import format_number
+from kbstore.model.formulas import (
     And,
     Atom,
     Comparison,
-    Condition,
     Exists,
-    Expression,
     Forall,
+    Formula,
     Imply,
     Not,
+    NumericExpression,
     Or,
     Parameter,
     Same,
     Token,
     Truism,
 )
-from kbstore.messages import ComparisonType, Operator, SpecialType
-from kbstore.messages.base import format_number
 from kbstore.names import key
-from kbstore.pddl.text import condition_text
+from kbstore.pddl.printer import condition_text
 
-Scope = Mapping[str, Any]
+UpVariables = Mapping[str, Any]
 """What each variable stands for, by the variable's key: a parameter or a variable of unified_planning."""
 
-NOTHING: Scope = {}
+NOTHING: UpVariables = {}
 
 
-class Formulas:
+class FormulaTranslator:
     """Translates formulas; whatever has no counterpart is `InvalidKnowledge` that names it."""
 
-    def __init__(self, symbols: Symbols) -> None:
+    def __init__(self, symbols: SymbolTranslator) -> None:
         self.symbols = symbols
         self._up = library()
         self._make = symbols.environment.expression_manager
 
     # -- terms and numbers ------------------------------------------------------------------------------------
 
-    def term(self, name: str, scope: Scope) -> Any:
+    def term(self, name: str, scope: UpVariables) -> Any:
         """An object, or what a variable stands for."""
         if not name.startswith("?"):
             return self._make.ObjectExp(self.symbols.object(name))
@@ -53,11 +53,11 @@ class Formulas:
             raise InvalidKnowledge(f"the variable {name} is not bound")
         return scope[key(name[1:])]
 
-    def fact(self, atom: Atom, scope: Scope = NOTHING) -> Any:
+    def fact(self, atom: Atom, scope: UpVariables = NOTHING) -> Any:
         """A predicate with its arguments."""
         return self.symbols.predicate(atom.name)(*(self.term(argument, scope) for argument in atom.arguments))
 
-    def function(self, atom: Atom, scope: Scope = NOTHING) -> Any:
+    def function(self, atom: Atom, scope: UpVariables = NOTHING) -> Any:
         """A numeric function with its arguments."""
         return self.symbols.function(atom.name)(*(self.term(argument, scope) for argument in atom.arguments))
 
@@ -66,7 +66,7 @@ class Formulas:
         exact = Fraction(format_number(number))
         return self._make.Int(int(exact)) if exact.denominator == 1 else self._make.Real(exact)
 
-    def expression(self, expression: Expression, scope: Scope = NOTHING, duration: Any = None) -> Any:
+    def expression(self, expression: NumericExpression, scope: UpVariables = NOTHING, duration: Any = None) -> Any:
         """A numeric expression; `duration` is the translated value of ``?duration``, if it has one."""
 
         def leaf(token: Token) -> Any:
@@ -95,7 +95,7 @@ class Formulas:
 
     # -- conditions -------------------------------------------------------------------------------------------
 
-    def condition(self, node: Condition, scope: Scope = NOTHING, duration: Any = None) -> Any:
+    def condition(self, node: Formula, scope: UpVariables = NOTHING, duration: Any = None) -> Any:
         """A condition."""
         match node:
             case Truism():
@@ -127,7 +127,7 @@ class Formulas:
             case _:
                 raise InvalidKnowledge(f"{condition_text(node)} has no counterpart in unified_planning")
 
-    def bound(self, parameters: Sequence[Parameter], scope: Scope) -> Iterator[tuple[list[Any], Scope]]:
+    def bound(self, parameters: Sequence[Parameter], scope: UpVariables) -> Iterator[tuple[list[Any], UpVariables]]:
         """Variables for parameters, and the scope with them.
 
         A variable of unified_planning has one type: an ``either`` makes several lists of variables, which together
@@ -145,7 +145,7 @@ class Formulas:
                 inner[key(parameter.name)] = inner[key(name)] = self._make.VariableExp(variable)
             yield variables, inner
 
-    def is_of(self, term: Any, types: tuple[str, ...], scope: Scope) -> Any:
+    def is_of(self, term: Any, types: tuple[str, ...], scope: UpVariables) -> Any:
         """That an object is of one of the types: it is the same as some object of them."""
         same = (variable for (variable,), _ in self.bound((Parameter("same", types),), scope))
         return self._make.Or(*(self._make.Exists(self._make.Equals(variable, term), variable) for variable in same))

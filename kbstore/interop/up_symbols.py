@@ -6,15 +6,15 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
-from kbstore.domain import ROOT_TYPE, Domain, Signature
 from kbstore.errors import InvalidKnowledge, KbStoreError
-from kbstore.logic import (
+from kbstore.model.domain import ROOT_TYPE, Domain, Signature
+from kbstore.model.formulas import (
     And,
-    Condition,
     Effect,
     Exists,
     Forall,
     ForEach,
+    Formula,
     Imply,
     Not,
     Or,
@@ -68,7 +68,7 @@ class Refusals:
             raise InvalidKnowledge(*self.violations)
 
 
-class Symbols:
+class SymbolTranslator:
     """What a problem speaks of, found by name whatever the case, and spelled as the domain spells it.
 
     A predicate or function of an ``either`` type takes the nearest common supertype. The type ``object`` is made only
@@ -152,9 +152,9 @@ def common_type(domain: Domain, types: Sequence[str]) -> str:
     )
 
 
-def quantified(formula: Condition | Effect) -> Iterator[str]:
+def quantified(formula: Formula | Effect) -> Iterator[str]:
     """The types that the quantifiers of a condition or an effect range over."""
-    todo: list[Condition | Effect] = [formula]
+    todo: list[Formula | Effect] = [formula]
     while todo:
         match todo.pop():
             case Exists(parameters, part) | Forall(parameters, part):

@@ -14,7 +14,7 @@ class DomainOperator(Message):
     """An ungrounded operator of the domain.
 
     The message carries simple conditions and effects only; what it cannot carry (disjunctions, quantifiers,
-    conditional effects) is kept in the domain's own `kbstore.domain.Action` of the same name.
+    conditional effects) is kept in the domain's own `kbstore.model.domain.Action` of the same name.
     """
 
     formula: DomainFormula

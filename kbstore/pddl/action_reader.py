@@ -1,17 +1,17 @@
-"""Actions and durative actions, from their groups to `kbstore.actions.Action`."""
+"""Actions and durative actions, from their groups to `kbstore.model.actions.Action`."""
 
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 
-from kbstore.actions import Action, DurationConstraint
-from kbstore.logic import Moment, Parameter
 from kbstore.messages import ComparisonType, SpecialType
+from kbstore.model.actions import Action, DurationConstraint
+from kbstore.model.formulas import Parameter, Timing
 from kbstore.names import key
 from kbstore.pddl.conditions import COMPARISONS, ConditionReader, conjuncts
-from kbstore.pddl.context import NO_VARIABLES, Context, Variables
 from kbstore.pddl.definition import check_name, unknown_keyword
 from kbstore.pddl.effects import EffectReader
 from kbstore.pddl.expressions import read_expression
+from kbstore.pddl.scope import NO_VARIABLES, Scope, Variables
 from kbstore.pddl.sexpr import Group, node_text
 from kbstore.pddl.timed_formulas import TimedReader
 from kbstore.pddl.typed_lists import bound, read_parameters
@@ -31,7 +31,7 @@ _FLIPPED = {
 class ActionReader:
     """Reads the actions of a domain whose types, constants, predicates and functions are known."""
 
-    context: Context
+    context: Scope
 
     def read(self, group: Group) -> Action:
         """The action that an ``(:action ...)`` or ``(:durative-action ...)`` section declares."""
@@ -46,9 +46,9 @@ class ActionReader:
         return Action(
             name,
             parameters,
-            conditions=tuple((Moment.AT_START, part) for part in conjuncts(precondition)),
+            conditions=tuple((Timing.AT_START, part) for part in conjuncts(precondition)),
             effects=tuple(
-                (Moment.AT_START, effect) for effect in effects.read(fields.get(":effect", _EMPTY), variables)
+                (Timing.AT_START, effect) for effect in effects.read(fields.get(":effect", _EMPTY), variables)
             ),
         )
 
@@ -106,12 +106,12 @@ class ActionReader:
         for part in conditions.groups_of(group) if group.word(0) == "and" else [group]:
             timed = part[2] if part.word(0) == "at" and part.word(1) in ("start", "end") and len(part) == 3 else None
             if isinstance(timed, Group):
-                moment = Moment.AT_START if part.word(1) == "start" else Moment.AT_END
-                yield self._constraint(timed, variables, moment)
+                timing = Timing.AT_START if part.word(1) == "start" else Timing.AT_END
+                yield self._constraint(timed, variables, timing)
             elif part:
-                yield self._constraint(part, variables, Moment.AT_START)
+                yield self._constraint(part, variables, Timing.AT_START)
 
-    def _constraint(self, group: Group, variables: Variables, moment: Moment) -> DurationConstraint:
+    def _constraint(self, group: Group, variables: Variables, timing: Timing) -> DurationConstraint:
         comparison = COMPARISONS.get(group.word(0))
         is_left, is_right = group.word(1) == "?duration", group.word(2) == "?duration"
         if comparison is None or len(group) != 3 or is_left == is_right:
@@ -121,7 +121,7 @@ class ActionReader:
                 group,
             )
         bound_by = read_expression(self.context, group, 2 if is_left else 1, variables, frozenset())
-        return DurationConstraint(comparison if is_left else _FLIPPED[comparison], bound_by, moment)
+        return DurationConstraint(comparison if is_left else _FLIPPED[comparison], bound_by, timing)
 
 
 _EMPTY = Group()

@@ -1,16 +1,17 @@
-"""Conditions: from their groups to the formulas of `kbstore.logic`."""
+"""Conditions: from their groups to the formulas of `kbstore.model.formulas`."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 from kbstore.errors import InvalidKnowledge
-from kbstore.logic import (
+from kbstore.messages import ComparisonType, SpecialType
+from kbstore.model.formulas import (
     And,
     Comparison,
-    Condition,
     Defined,
     Exists,
     Forall,
+    Formula,
     Imply,
     IsA,
     Not,
@@ -20,10 +21,9 @@ from kbstore.logic import (
     Same,
     Truism,
 )
-from kbstore.messages import ComparisonType, SpecialType
 from kbstore.names import is_wildcard
-from kbstore.pddl.context import NO_VARIABLES, Context, Variables
 from kbstore.pddl.expressions import ANY_SPECIAL, is_number, read_expression, read_function
+from kbstore.pddl.scope import NO_VARIABLES, Scope, Variables
 from kbstore.pddl.sexpr import Group, node_text
 from kbstore.pddl.typed_lists import bound, read_parameters
 
@@ -54,10 +54,10 @@ _WORDS = frozenset(("and", "or", "not", "imply", "forall", "exists", "preference
 class ConditionReader:
     """Reads conditions of one text; `specials` are the special numbers that mean something in them."""
 
-    context: Context
+    context: Scope
     specials: frozenset[SpecialType] = ANY_SPECIAL
 
-    def read(self, group: Group, variables: Variables = NO_VARIABLES, depth: int = 0) -> Condition:
+    def read(self, group: Group, variables: Variables = NO_VARIABLES, depth: int = 0) -> Formula:
         """The condition that a group is.
 
         A conjunction within a conjunction, a disjunction within a disjunction and double negations are dissolved.
@@ -153,7 +153,7 @@ class ConditionReader:
             and all(isinstance(node, str) for node in group)
         )
 
-    def _parts(self, group: Group, variables: Variables, depth: int) -> Iterator[Condition]:
+    def _parts(self, group: Group, variables: Variables, depth: int) -> Iterator[Formula]:
         for part in self.groups_of(group):
             condition = self.read(part, variables, depth + 1)
             if not (isinstance(condition, Truism) and group.word(0) == "and"):
@@ -165,7 +165,7 @@ class ConditionReader:
             raise self.context.error(f"(not ...) takes one condition in brackets, not {node_text(group, 60)}", group)
         return part
 
-    def _atom(self, group: Group, variables: Variables) -> Condition:
+    def _atom(self, group: Group, variables: Variables) -> Formula:
         context = self.context
         name = context.name(group, 0, "predicate")
         if context.patterns and len(group) == 3 and group[1] == "-" and isinstance(group[2], str):
@@ -179,19 +179,19 @@ class ConditionReader:
         split = context.unglued(group)
         return context.atom(split, context.predicate(str(split[0]), split), variables)
 
-    def _imply(self, group: Group, variables: Variables, depth: int) -> Condition:
+    def _imply(self, group: Group, variables: Variables, depth: int) -> Formula:
         if len(group) != 3 or not isinstance(group[1], Group) or not isinstance(group[2], Group):
             raise self.context.error(f"(imply ...) takes two conditions in brackets: {node_text(group, 60)}", group)
         premise = self.read(group[1], variables, depth + 1)
         return Imply(premise, self.read(group[2], variables, depth + 1))
 
-    def _comparison(self, group: Group, variables: Variables) -> Condition:
+    def _comparison(self, group: Group, variables: Variables) -> Formula:
         self._two_operands(group)
         left = read_expression(self.context, group, 1, variables, self.specials)
         right = read_expression(self.context, group, 2, variables, self.specials)
         return Comparison(COMPARISONS[group.word(0)], left, right)
 
-    def _equals(self, group: Group, variables: Variables) -> Condition:
+    def _equals(self, group: Group, variables: Variables) -> Formula:
         """``(= a b)``: of objects, if both sides are words that are neither numbers nor functions."""
         self._two_operands(group)
         sides = [node for node in group[1:] if isinstance(node, str)]
@@ -219,7 +219,7 @@ class ConditionReader:
             )
 
 
-def conjuncts(condition: Condition) -> tuple[Condition, ...]:
+def conjuncts(condition: Formula) -> tuple[Formula, ...]:
     """The parts of a conjunction; of anything else, itself; of what is always true, none."""
     if isinstance(condition, And):
         return condition.parts

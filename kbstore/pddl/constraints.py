@@ -4,8 +4,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from kbstore.pddl.conditions import MAX_DEPTH, TRAJECTORY, ConditionReader
-from kbstore.pddl.context import NO_VARIABLES, Context, Variables
 from kbstore.pddl.expressions import is_number
+from kbstore.pddl.scope import NO_VARIABLES, Scope, Variables
 from kbstore.pddl.sexpr import Group, node_text
 from kbstore.pddl.typed_lists import bound
 
@@ -27,7 +27,7 @@ _SHAPES = {
 class ConstraintReader:
     """Reads a ``(:constraints ...)`` section."""
 
-    context: Context
+    context: Scope
     conditions: ConditionReader
 
     def read(self, section: Group) -> list[str]:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 
 from kbstore.names import problem as name_problem
-from kbstore.pddl.context import Context
+from kbstore.pddl.scope import Scope
 from kbstore.pddl.sexpr import Group, node_text
 
 _ELSEWHERE = {
@@ -35,7 +35,7 @@ class Definition:
         return next(self.all(keyword), None)
 
 
-def read_definition(context: Context, kind: str, known: Collection[str], repeated: Collection[str]) -> Definition:
+def read_definition(context: Scope, kind: str, known: Collection[str], repeated: Collection[str]) -> Definition:
     """The definition of `kind` ("domain", "problem") that the text consists of.
 
     `known` are the keywords of its sections; those in `repeated` may stand several times. Raises `PddlSyntaxError`.
@@ -61,7 +61,7 @@ def read_definition(context: Context, kind: str, known: Collection[str], repeate
     return Definition(header[1], tuple(_sections(context, whole, kind, known, repeated)), whole)
 
 
-def check_name(context: Context, what: str, group: Group, index: int, name: str | None = None) -> str:
+def check_name(context: Scope, what: str, group: Group, index: int, name: str | None = None) -> str:
     """The word at a place (or `name`, which it contains), which has to be acceptable as the name of `what`."""
     written = name if name is not None else context.name(group, index, what)
     problem = name_problem(written)
@@ -71,7 +71,7 @@ def check_name(context: Context, what: str, group: Group, index: int, name: str 
 
 
 def _sections(
-    context: Context, whole: Group, kind: str, known: Collection[str], repeated: Collection[str]
+    context: Scope, whole: Group, kind: str, known: Collection[str], repeated: Collection[str]
 ) -> Iterator[Group]:
     seen: dict[str, Group] = {}
     for index in range(2, len(whole)):

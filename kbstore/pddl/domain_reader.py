@@ -1,21 +1,21 @@
-"""Domains: from PDDL text to `kbstore.domain.Domain`."""
+"""Domains: from PDDL text to `kbstore.model.domain.Domain`."""
 
 import os
 from collections.abc import Iterator
 from dataclasses import replace
 
-from kbstore.actions import Action
-from kbstore.domain import ROOT_TYPE, DerivedRule, Domain, Signature, type_keys
 from kbstore.errors import InvalidKnowledge
 from kbstore.evaluation.rules import strata
-from kbstore.logic import Parameter
+from kbstore.model.actions import Action
+from kbstore.model.domain import ROOT_TYPE, DerivedRule, Domain, Signature, type_keys
+from kbstore.model.formulas import Parameter
 from kbstore.names import key
 from kbstore.pddl.action_reader import ActionReader
 from kbstore.pddl.conditions import ConditionReader
 from kbstore.pddl.constraints import ConstraintReader
-from kbstore.pddl.context import NO_VARIABLES, Context, fail_at_once
 from kbstore.pddl.definition import Definition, check_name, read_definition
-from kbstore.pddl.sexpr import Group, Source, node_text
+from kbstore.pddl.scope import NO_VARIABLES, Scope, fail_at_once
+from kbstore.pddl.sexpr import Group, SourceText, node_text
 from kbstore.pddl.typed_lists import Typed, bound, read_parameters, read_typed_list
 
 _SECTIONS = (
@@ -38,8 +38,8 @@ def read_domain(source: str | os.PathLike[str]) -> Domain:
     Raises `PddlSyntaxError`, with the place, for what cannot be read or does not fit: undeclared and repeated names,
     wrong numbers and types of arguments, cycles of types, rules that are not stratified.
     """
-    text = Source.open(source)
-    context = Context(text, report=fail_at_once(text))
+    text = SourceText.open(source)
+    context = Scope(text, report=fail_at_once(text))
     definition = read_definition(context, "domain", _SECTIONS, _REPEATED)
     domain = Domain(
         check_name(context, "domain", definition.whole, 1, definition.name),
@@ -65,13 +65,13 @@ def read_domain(source: str | os.PathLike[str]) -> Domain:
     return domain
 
 
-def read_requirements(context: Context, definition: Definition) -> tuple[str, ...]:
+def read_requirements(context: Scope, definition: Definition) -> tuple[str, ...]:
     """The requirements, as written; unknown ones are kept."""
     section = definition.one(":requirements")
     return context.words(section, 1) if section else ()
 
 
-def _types(context: Context, definition: Definition) -> dict[str, str]:
+def _types(context: Scope, definition: Definition) -> dict[str, str]:
     """Each type with its parent; a parent that is not declared itself is a type below ``object``."""
     section = definition.one(":types") or Group()
     words = [word for word in section[1:] if isinstance(word, str)]
@@ -104,7 +104,7 @@ def _types(context: Context, definition: Definition) -> dict[str, str]:
     return types
 
 
-def _check_cycles(context: Context, section: Group, types: dict[str, str], places: dict[str, int]) -> None:
+def _check_cycles(context: Scope, section: Group, types: dict[str, str], places: dict[str, int]) -> None:
     """Refuse a type that is below itself: types are taken away as long as nothing is left above them (Kahn, 1962)."""
     above = {key(name): set(type_keys(parent)) - {ROOT_TYPE} for name, parent in types.items()}
     below: dict[str, list[str]] = {}
@@ -134,7 +134,7 @@ def _check_cycles(context: Context, section: Group, types: dict[str, str], place
         )
 
 
-def _constants(context: Context, definition: Definition) -> dict[str, str]:
+def _constants(context: Scope, definition: Definition) -> dict[str, str]:
     section = definition.one(":constants") or Group()
     constants: dict[str, str] = {}
     seen: set[str] = set()
@@ -147,7 +147,7 @@ def _constants(context: Context, definition: Definition) -> dict[str, str]:
     return constants
 
 
-def object_type(context: Context, group: Group, typed: Typed) -> str:
+def object_type(context: Scope, group: Group, typed: Typed) -> str:
     """The one type of a declared object."""
     if len(typed.types) > 1:
         raise context.error(
@@ -159,7 +159,7 @@ def object_type(context: Context, group: Group, typed: Typed) -> str:
     return context.type_name(typed.types[0], group, typed.types_place) if typed.types else ROOT_TYPE
 
 
-def _predicates(context: Context, definition: Definition) -> dict[str, Signature]:
+def _predicates(context: Scope, definition: Definition) -> dict[str, Signature]:
     section = definition.one(":predicates") or Group()
     signatures: dict[str, Signature] = {}
     for index in range(1, len(section)):
@@ -172,7 +172,7 @@ def _predicates(context: Context, definition: Definition) -> dict[str, Signature
     return signatures
 
 
-def _functions(context: Context, definition: Definition) -> dict[str, Signature]:
+def _functions(context: Scope, definition: Definition) -> dict[str, Signature]:
     """The numeric functions; those whose value is an object are refused."""
     section = definition.one(":functions") or Group()
     signatures: dict[str, Signature] = {}
@@ -199,7 +199,7 @@ def _functions(context: Context, definition: Definition) -> dict[str, Signature]
     return signatures
 
 
-def _declare(context: Context, what: str, group: Group, signatures: dict[str, Signature]) -> None:
+def _declare(context: Scope, what: str, group: Group, signatures: dict[str, Signature]) -> None:
     name = check_name(context, what, group, 0)
     if key(name) in signatures:
         raise context.error(f"the {what} {name} is declared for the second time", group, 0)
@@ -214,7 +214,7 @@ def _derived_name(section: Group) -> str:
     return head.word(0) if isinstance(head, Group) else ""
 
 
-def _rules(context: Context, sections: list[Group]) -> dict[str, tuple[DerivedRule, ...]]:
+def _rules(context: Scope, sections: list[Group]) -> dict[str, tuple[DerivedRule, ...]]:
     rules: dict[str, tuple[DerivedRule, ...]] = {}
     for section in sections:
         if len(section) != 3 or not isinstance(section[1], Group) or not isinstance(section[2], Group):
@@ -236,7 +236,7 @@ def _rules(context: Context, sections: list[Group]) -> dict[str, tuple[DerivedRu
     return rules
 
 
-def _actions(context: Context, definition: Definition) -> dict[str, Action]:
+def _actions(context: Scope, definition: Definition) -> dict[str, Action]:
     actions: dict[str, Action] = {}
     for section in definition.sections:
         if section.word(0) in (":action", ":durative-action"):
@@ -247,7 +247,7 @@ def _actions(context: Context, definition: Definition) -> dict[str, Action]:
     return actions
 
 
-def _check_stratification(context: Context, domain: Domain, sections: list[Group]) -> None:
+def _check_stratification(context: Scope, domain: Domain, sections: list[Group]) -> None:
     """Refuse rules by which a predicate depends on its own negation, at the first of its rules."""
     try:
         strata(domain)

@@ -1,14 +1,14 @@
-"""Effects of one moment: from their groups to the formulas of `kbstore.logic`."""
+"""Effects of one moment: from their groups to the formulas of `kbstore.model.formulas`."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 from kbstore.errors import InvalidKnowledge
-from kbstore.logic import Add, Atom, Change, Delete, Effect, Expression, ForEach, When
 from kbstore.messages import AssignOp, Operator, SpecialType
+from kbstore.model.formulas import Add, Atom, Delete, Effect, ForEach, NumericEffect, NumericExpression, When
 from kbstore.pddl.conditions import MAX_DEPTH, ConditionReader
-from kbstore.pddl.context import Context, Variables
 from kbstore.pddl.expressions import read_expression, read_function
+from kbstore.pddl.scope import Scope, Variables
 from kbstore.pddl.sexpr import Group, node_text
 from kbstore.pddl.typed_lists import bound
 
@@ -26,7 +26,7 @@ _WORDS = frozenset(("and", "not", "forall", "when", *ASSIGNMENTS))
 class EffectReader:
     """Reads effects; `specials` are the special numbers that mean something in the values of numeric ones."""
 
-    context: Context
+    context: Scope
     conditions: ConditionReader
     specials: frozenset[SpecialType]
 
@@ -65,7 +65,7 @@ class EffectReader:
                 f"{node_text(group, 60)} is no effect here; an effect is a fact, or begins with {known}", group
             )
 
-    def continuous(self, group: Group, variables: Variables) -> Change:
+    def continuous(self, group: Group, variables: Variables) -> NumericEffect:
         """A continuous effect, ``(increase (battery ?r) (* #t (rate ?r)))``."""
         function, value = self._target_and_value(group, variables, self.specials | {SpecialType.HASHT})
         rate = rate_of(value)
@@ -76,7 +76,7 @@ class EffectReader:
                 group,
             )
         operation = ASSIGNMENTS[group.word(0)]
-        return Change(AssignOp.ASSIGN_CTS, function, negated(rate) if operation is AssignOp.DECREASE else rate)
+        return NumericEffect(AssignOp.ASSIGN_CTS, function, negated(rate) if operation is AssignOp.DECREASE else rate)
 
     def when(self, group: Group) -> tuple[Group, Group]:
         """The condition and the effect of a conditional effect."""
@@ -94,13 +94,13 @@ class EffectReader:
         word = group.word(0)
         return all(isinstance(node, str) for node in group) and (word not in _WORDS or self.conditions.is_atom(group))
 
-    def _change(self, group: Group, variables: Variables) -> Change:
+    def _change(self, group: Group, variables: Variables) -> NumericEffect:
         function, value = self._target_and_value(group, variables, self.specials)
-        return Change(ASSIGNMENTS[group.word(0)], function, value)
+        return NumericEffect(ASSIGNMENTS[group.word(0)], function, value)
 
     def _target_and_value(
         self, group: Group, variables: Variables, specials: frozenset[SpecialType]
-    ) -> tuple[Atom, Expression]:
+    ) -> tuple[Atom, NumericExpression]:
         context = self.context
         if len(group) != 3:
             raise context.error(
@@ -118,7 +118,7 @@ class EffectReader:
         return context.atom(group, context.predicate(name, group), variables, asserted=True)
 
 
-def function_group(context: Context, group: Group, index: int) -> Group:
+def function_group(context: Scope, group: Group, index: int) -> Group:
     """The group of a function's term at a place, also where it stands without brackets, as ``total-cost`` may."""
     node = group[index]
     if isinstance(node, Group):
@@ -128,7 +128,7 @@ def function_group(context: Context, group: Group, index: int) -> Group:
     return term
 
 
-def rate_of(expression: Expression) -> Expression | None:
+def rate_of(expression: NumericExpression) -> NumericExpression | None:
     """The rate of a continuous change: the expression without its ``#t``; None if it is not proportional to it."""
     degrees: list[int | None] = []  # of each operand: 1 proportional to #t, 0 independent of it, None neither
     for token in reversed(expression):
@@ -155,7 +155,7 @@ def rate_of(expression: Expression) -> Expression | None:
     return tuple(1.0 if token is SpecialType.HASHT else token for token in expression)
 
 
-def _is_whole(tokens: Expression) -> bool:
+def _is_whole(tokens: NumericExpression) -> bool:
     """Whether tokens are one expression, and not the beginning of a longer one."""
     wanted = 1
     for token in tokens:
@@ -165,7 +165,7 @@ def _is_whole(tokens: Expression) -> bool:
     return not wanted
 
 
-def negated(expression: Expression) -> Expression:
+def negated(expression: NumericExpression) -> NumericExpression:
     """The expression with the other sign."""
     if len(expression) == 1 and isinstance(expression[0], float):
         return (-expression[0],)

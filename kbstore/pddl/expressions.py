@@ -4,10 +4,10 @@ import math
 import re
 
 from kbstore.errors import InvalidKnowledge
-from kbstore.logic import Atom, Expression, Token
 from kbstore.messages import Operator, SpecialType
+from kbstore.model.formulas import Atom, NumericExpression, Token
 from kbstore.names import is_wildcard
-from kbstore.pddl.context import NO_VARIABLES, Context, Variables
+from kbstore.pddl.scope import NO_VARIABLES, Scope, Variables
 from kbstore.pddl.sexpr import Group, Node, node_text
 
 NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?", re.ASCII)
@@ -25,7 +25,7 @@ def is_number(word: Node) -> bool:
     return isinstance(word, str) and NUMBER.fullmatch(word) is not None
 
 
-def number_at(context: Context, group: Group, index: int) -> float | None:
+def number_at(context: Scope, group: Group, index: int) -> float | None:
     """The number that stands at a place, also as ``(- 5)``; None if there is something else.
 
     Raises `PddlSyntaxError` for a number that a double cannot hold.
@@ -42,12 +42,12 @@ def number_at(context: Context, group: Group, index: int) -> float | None:
 
 
 def read_expression(
-    context: Context,
+    context: Scope,
     group: Group,
     index: int,
     variables: Variables = NO_VARIABLES,
     specials: frozenset[SpecialType] = ANY_SPECIAL,
-) -> Expression:
+) -> NumericExpression:
     """The expression at a place of a group.
 
     Sums and products of more than two operands become nested ones; `specials` are the special numbers that mean
@@ -76,7 +76,7 @@ def read_expression(
 
 
 def read_function(
-    context: Context, group: Group, variables: Variables, *, wildcards: bool = False, asserted: bool = False
+    context: Scope, group: Group, variables: Variables, *, wildcards: bool = False, asserted: bool = False
 ) -> Atom:
     """The term of a numeric function.
 
@@ -91,7 +91,7 @@ def read_function(
     return atom
 
 
-def refuse_wildcards(context: Context, group: Group, atom: Atom, variables: Variables) -> None:
+def refuse_wildcards(context: Scope, group: Group, atom: Atom, variables: Variables) -> None:
     """Complain of a free variable in a comparison (rule V7)."""
     for index, argument in enumerate(atom.arguments, 1):
         if is_wildcard(argument) and argument[1:].lower() not in variables:
@@ -103,7 +103,7 @@ def refuse_wildcards(context: Context, group: Group, atom: Atom, variables: Vari
             )
 
 
-def _word(context: Context, group: Group, index: int, word: str, specials: frozenset[SpecialType]) -> Token:
+def _word(context: Scope, group: Group, index: int, word: str, specials: frozenset[SpecialType]) -> Token:
     number = number_at(context, group, index)
     if number is not None:
         return number
@@ -123,7 +123,7 @@ def _word(context: Context, group: Group, index: int, word: str, specials: froze
 
 
 def _special(
-    context: Context, group: Group, index: int, special: SpecialType, specials: frozenset[SpecialType]
+    context: Scope, group: Group, index: int, special: SpecialType, specials: frozenset[SpecialType]
 ) -> SpecialType:
     if special not in specials:
         where = {
@@ -135,7 +135,7 @@ def _special(
     return special
 
 
-def _operators(context: Context, group: Group) -> list[Token]:
+def _operators(context: Scope, group: Group) -> list[Token]:
     """The operators that a group of operands stands for: one, or one fewer than operands of a longer sum or product."""
     operator = _OPERATORS[group.word(0)]
     operands = len(group) - 1

@@ -7,14 +7,14 @@ fit a parameter is from then on one look-up, which gives the labelled value that
 from dataclasses import dataclass, field
 
 from kbstore.clock import seconds
-from kbstore.domain import Signature
 from kbstore.errors import InvalidKnowledge, InvalidTime
 from kbstore.messages import AssignOp, Fact, Function, KeyValue, KnowledgeType
+from kbstore.model.domain import Signature
 from kbstore.names import is_wildcard
-from kbstore.pddl.context import NO_VARIABLES, Context
 from kbstore.pddl.effects import function_group
 from kbstore.pddl.expressions import NUMBER, number_at
 from kbstore.pddl.item_reader import labelled
+from kbstore.pddl.scope import NO_VARIABLES, Scope
 from kbstore.pddl.sexpr import Group, node_text
 
 Entry = Fact | Function
@@ -49,7 +49,7 @@ class Fitting:
 class InitReader:
     """Reads an ``(:init ...)`` section into `entries` and `timed` (with times in nanoseconds), with their offsets."""
 
-    context: Context
+    context: Scope
     entries: list[Entry] = field(default_factory=list)
     offsets: list[int] = field(default_factory=list)
     timed: list[tuple[int, Entry]] = field(default_factory=list)

@@ -2,10 +2,7 @@
 
 from dataclasses import dataclass
 
-from kbstore.composites import composite_of
-from kbstore.domain import Signature
 from kbstore.errors import InvalidKnowledge
-from kbstore.logic import Atom, Comparison, Expression
 from kbstore.messages import (
     AssignOp,
     DomainFormula,
@@ -22,11 +19,14 @@ from kbstore.messages import (
     key_values,
 )
 from kbstore.messages import Expression as Metric
+from kbstore.model.domain import Signature
+from kbstore.model.expressions import composite_of
+from kbstore.model.formulas import Atom, Comparison, NumericExpression
 from kbstore.names import is_wildcard, key
 from kbstore.pddl.conditions import COMPARISONS
-from kbstore.pddl.context import Context
 from kbstore.pddl.effects import ASSIGNMENTS, function_group, negated, rate_of
 from kbstore.pddl.expressions import ANY_SPECIAL, is_number, number_at, read_expression
+from kbstore.pddl.scope import Scope
 from kbstore.pddl.sexpr import Group, node_text
 
 OPTIMIZATIONS = ("minimize", "maximize")
@@ -74,7 +74,7 @@ def function_of(
 class ItemReader:
     """Reads items of one text. What they speak of is not checked here, but where they are stored or asked."""
 
-    context: Context
+    context: Scope
 
     def read(self, top: Group) -> KnowledgeItem:
         """The one item that a text consists of. Raises `PddlSyntaxError`, or `InvalidKnowledge` with advice."""
@@ -111,7 +111,7 @@ class ItemReader:
         optimization, expression = read_metric(self._unchecked(), group, index, ANY_SPECIAL)
         return Metric(optimization=optimization, expr=self.composite(expression))
 
-    def composite(self, expression: Expression) -> ExprComposite:
+    def composite(self, expression: NumericExpression) -> ExprComposite:
         """The expression as a message, labelled by the domain."""
         return composite_of(expression, self._formula)
 
@@ -133,9 +133,9 @@ class ItemReader:
         """The signature by which a numeric function is labelled, if the domain has one."""
         return self.context.domain.function_signatures.get(key(name)) if self.context.domain else None
 
-    def _unchecked(self) -> Context:
+    def _unchecked(self) -> Scope:
         """The context for expressions, whose symbols are checked with those of all other items."""
-        return Context(self.context.source, patterns=True)
+        return Scope(self.context.source, patterns=True)
 
     def _formula(self, atom: Atom) -> DomainFormula:
         values = labelled(atom.arguments, self.function(atom.name))
@@ -238,7 +238,9 @@ class ItemReader:
         return Atom(name, self.context.words(term, 1))
 
 
-def read_metric(context: Context, group: Group, index: int, specials: frozenset[SpecialType]) -> tuple[str, Expression]:
+def read_metric(
+    context: Scope, group: Group, index: int, specials: frozenset[SpecialType]
+) -> tuple[str, NumericExpression]:
     """The word ``minimize`` or ``maximize`` at a place, and the expression after it."""
     if group.word(index) not in OPTIMIZATIONS or len(group) != index + 2:
         raise context.error(
@@ -257,7 +259,7 @@ def _all_words(group: Group) -> bool:
     return all(isinstance(node, str) for node in group)
 
 
-def _constant(expression: Expression) -> float | None:
+def _constant(expression: NumericExpression) -> float | None:
     """The number that an expression without functions is, as far as signs go."""
     while len(expression) == 2:
         expression = negated(expression[1:])

@@ -5,21 +5,21 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import overload
 
-from kbstore.bulk import without_collection
-from kbstore.domain import ROOT_TYPE, Domain
 from kbstore.errors import InvalidKnowledge, KbStoreError
 from kbstore.messages import Expression, Goal, Instance, KnowledgeType, SpecialType
+from kbstore.messages.bulk import gc_paused
+from kbstore.model.domain import ROOT_TYPE, Domain
 from kbstore.names import key
 from kbstore.names import problem as name_problem
 from kbstore.pddl.conditions import ConditionReader, conjuncts
 from kbstore.pddl.constraints import ConstraintReader
-from kbstore.pddl.context import Context
 from kbstore.pddl.definition import Definition, read_definition
 from kbstore.pddl.domain_reader import object_type, read_requirements
-from kbstore.pddl.forms import goal_of
 from kbstore.pddl.init_reader import Entry, InitReader
 from kbstore.pddl.item_reader import ItemReader, read_metric
-from kbstore.pddl.sexpr import Group, Source
+from kbstore.pddl.parse import goal_of
+from kbstore.pddl.scope import Scope
+from kbstore.pddl.sexpr import Group, SourceText
 from kbstore.pddl.typed_lists import read_typed_list
 
 _SECTIONS = (
@@ -37,10 +37,10 @@ MAX_VIOLATIONS = 1000
 """A file in which so much is wrong is not read to its end."""
 
 
-class Places(Sequence[tuple[int, int]]):
+class SourcePositions(Sequence[tuple[int, int]]):
     """The line and the column of each of some items, found when asked for."""
 
-    def __init__(self, source: Source, offsets: Sequence[int]) -> None:
+    def __init__(self, source: SourceText, offsets: Sequence[int]) -> None:
         self._source = source
         self._offsets = offsets
 
@@ -50,10 +50,10 @@ class Places(Sequence[tuple[int, int]]):
     @overload
     def __getitem__(self, index: int) -> tuple[int, int]: ...
     @overload
-    def __getitem__(self, index: slice) -> "Places": ...
-    def __getitem__(self, index: int | slice) -> "tuple[int, int] | Places":
+    def __getitem__(self, index: slice) -> "SourcePositions": ...
+    def __getitem__(self, index: int | slice) -> "tuple[int, int] | SourcePositions":
         if isinstance(index, slice):
-            return Places(self._source, self._offsets[index])
+            return SourcePositions(self._source, self._offsets[index])
         return self._source.place(self._offsets[index])
 
 
@@ -87,7 +87,7 @@ def read_problem(source: str | os.PathLike[str], domain: Domain | None = None) -
         InvalidKnowledge: for what does not fit the domain or the declared objects; all of it (up to
             `MAX_VIOLATIONS`), each with its place.
     """
-    text = Source.open(source)
+    text = SourceText.open(source)
     violations: list[str] = []
 
     def report(_kind: type[KbStoreError], problem: str, offset: int) -> None:
@@ -95,8 +95,8 @@ def read_problem(source: str | os.PathLike[str], domain: Domain | None = None) -
         if len(violations) == MAX_VIOLATIONS:
             raise InvalidKnowledge(*violations, "there may be more; reading has been given up here")
 
-    with without_collection():
-        problem = _ProblemReader(Context(text, domain, report=report)).read()
+    with gc_paused():
+        problem = _ProblemReader(Scope(text, domain, report=report)).read()
     if violations:
         raise InvalidKnowledge(*violations)
     return problem
@@ -104,7 +104,7 @@ def read_problem(source: str | os.PathLike[str], domain: Domain | None = None) -
 
 @dataclass
 class _ProblemReader:
-    context: Context
+    context: Scope
 
     def read(self) -> Problem:
         context = self.context
@@ -127,10 +127,10 @@ class _ProblemReader:
             self._metric(definition.one(":metric")),
             ConstraintReader(context, ConditionReader(context, frozenset())).read(constraints) if constraints else [],
             {
-                "instances": Places(context.source, instance_offsets),
-                "init": Places(context.source, init.offsets),
-                "timed": Places(context.source, init.timed_offsets),
-                "goals": Places(context.source, goal_offsets),
+                "instances": SourcePositions(context.source, instance_offsets),
+                "init": SourcePositions(context.source, init.offsets),
+                "timed": SourcePositions(context.source, init.timed_offsets),
+                "goals": SourcePositions(context.source, goal_offsets),
             },
             context.source.name,
         )

@@ -44,7 +44,7 @@ Node = str | Group
 """A word or a group."""
 
 
-class Source:
+class SourceText:
     """A PDDL text, with the name of its file if it has one."""
 
     def __init__(self, text: str, name: str | None = None) -> None:
@@ -54,7 +54,7 @@ class Source:
         self._offsets: list[int] = []
 
     @classmethod
-    def open(cls, source: str | os.PathLike[str]) -> "Source":
+    def open(cls, source: str | os.PathLike[str]) -> "SourceText":
         """The text itself if it is PDDL (it contains a bracket), otherwise what the file of that name holds."""
         if not isinstance(source, str | os.PathLike):
             raise PddlSyntaxError(f"give the path of a PDDL file, or PDDL text, not {source!r:.80}")

@@ -3,24 +3,36 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from kbstore.logic import And, Condition, Effect, Exists, Forall, ForEach, Moment, Preference, Truism, When, WhenAtStart
+from kbstore.model.formulas import (
+    And,
+    Effect,
+    Exists,
+    Forall,
+    ForEach,
+    Formula,
+    Preference,
+    Timing,
+    Truism,
+    When,
+    WhenAtStart,
+)
 from kbstore.pddl.conditions import ConditionReader, conjuncts
-from kbstore.pddl.context import Context, Variables
 from kbstore.pddl.effects import EffectReader
+from kbstore.pddl.scope import Scope, Variables
 from kbstore.pddl.sexpr import Group, node_text
 from kbstore.pddl.typed_lists import bound
 
-TimedCondition = tuple[Moment, Condition]
-TimedEffect = tuple[Moment, Effect]
+TimedCondition = tuple[Timing, Formula]
+TimedEffect = tuple[Timing, Effect]
 
-_MOMENTS = {("at", "start"): Moment.AT_START, ("over", "all"): Moment.OVER_ALL, ("at", "end"): Moment.AT_END}
+_MOMENTS = {("at", "start"): Timing.AT_START, ("over", "all"): Timing.OVER_ALL, ("at", "end"): Timing.AT_END}
 
 
 @dataclass
 class TimedReader:
     """Reads what a durative action says of its start, its course and its end."""
 
-    context: Context
+    context: Scope
     conditions: ConditionReader
     effects: EffectReader
 
@@ -29,10 +41,10 @@ class TimedReader:
         self.effects.check_depth(group, depth)
         if not group:
             return
-        word, moment = group.word(0), self._moment(group)
-        if moment is not None:
+        word, timing = group.word(0), self._timing(group)
+        if timing is not None:
             condition = self.conditions.read(self._inner(group), variables, depth + 1)
-            yield from ((moment, part) for part in conjuncts(condition))
+            yield from ((timing, part) for part in conjuncts(condition))
         elif word == "and":
             for part_group in self.conditions.groups_of(group):
                 yield from self.read_conditions(part_group, variables, depth + 1)
@@ -47,7 +59,7 @@ class TimedReader:
         elif word == "preference":
             name, inner = self.conditions.preference(group)
             timed = list(self.read_conditions(inner, variables, depth + 1))
-            for when in Moment:
+            for when in Timing:
                 parts = [part for at, part in timed if at is when]
                 if parts:
                     yield when, Preference(name, _joined(parts))
@@ -63,28 +75,28 @@ class TimedReader:
         self.effects.check_depth(group, depth)
         if not group:
             return
-        word, moment = group.word(0), self._moment(group)
-        if moment is Moment.OVER_ALL:
+        word, timing = group.word(0), self._timing(group)
+        if timing is Timing.OVER_ALL:
             raise self.context.error(
                 "an effect happens at start or at end, or continuously: (increase (f) (* #t 2))", group
             )
-        elif moment is not None:
+        elif timing is not None:
             for effect in self.effects.read(self._inner(group), variables, depth + 1):
-                yield moment, effect
+                yield timing, effect
         elif word == "and":
             for part in self.conditions.groups_of(group):
                 yield from self.read_effects(part, variables, depth + 1)
         elif word == "forall":
             parameters, inner = self.conditions.quantified(group)
             timed = list(self.read_effects(inner, bound(variables, parameters), depth + 1))
-            for when in Moment:
+            for when in Timing:
                 effects = tuple(effect for at, effect in timed if at is when)
                 if effects:
                     yield when, ForEach(parameters, effects)
         elif word == "when":
             yield from self._conditional(group, variables, depth)
         elif word in ("increase", "decrease"):
-            yield Moment.OVER_ALL, self.effects.continuous(group, variables)
+            yield Timing.OVER_ALL, self.effects.continuous(group, variables)
         else:
             raise self.context.error(
                 f"an effect of a durative action says when it happens: (at end {node_text(group, 60)})", group
@@ -94,44 +106,44 @@ class TimedReader:
         premise, consequence = self.effects.when(group)
         conditions = list(self.read_conditions(premise, variables, depth + 1))
         effects = list(self.read_effects(consequence, variables, depth + 1))
-        for moment in Moment:
-            parts = tuple(effect for when, effect in effects if when is moment)
+        for timing in Timing:
+            parts = tuple(effect for when, effect in effects if when is timing)
             if parts:
-                yield moment, self._when(group, moment, conditions, parts)
+                yield timing, self._when(group, timing, conditions, parts)
 
     def _when(
-        self, group: Group, moment: Moment, conditions: Sequence[TimedCondition], parts: tuple[Effect, ...]
+        self, group: Group, timing: Timing, conditions: Sequence[TimedCondition], parts: tuple[Effect, ...]
     ) -> Effect:
         """The effects of one moment on conditions of that moment, of the start, or of both."""
-        self._check_known(group, moment, [when for when, _ in conditions])
-        own = [part for when, part in conditions if when is moment]
-        at_start = [part for when, part in conditions if when is not moment]
+        self._check_known(group, timing, [when for when, _ in conditions])
+        own = [part for when, part in conditions if when is timing]
+        at_start = [part for when, part in conditions if when is not timing]
         if not at_start:
             return When(_joined(own), parts)
         return WhenAtStart(_joined(at_start), (When(_joined(own), parts),) if own else parts)
 
-    def _check_known(self, group: Group, moment: Moment, asked: Sequence[Moment]) -> None:
+    def _check_known(self, group: Group, timing: Timing, asked: Sequence[Timing]) -> None:
         """Refuse conditions of moments about which nothing is known when the effect happens."""
         for other in asked:
-            if other in (moment, Moment.AT_START):
+            if other in (timing, Timing.AT_START):
                 continue
-            if moment is Moment.AT_END:
+            if timing is Timing.AT_END:
                 raise self.context.error(
                     "an effect at end that depends on a condition over all cannot be read: whether it held all the "
                     "while is not kept; ask for it at start, at end, or at both",
                     group,
                 )
-            effect = "a continuous effect" if moment is Moment.OVER_ALL else "an effect at start"
+            effect = "a continuous effect" if timing is Timing.OVER_ALL else "an effect at start"
             raise self.context.error(
                 f"{effect} cannot depend on a condition {other.value}, which is known only later; ask for it at start, "
                 "or make the effect one at end",
                 group,
             )
 
-    def _moment(self, group: Group) -> Moment | None:
+    def _timing(self, group: Group) -> Timing | None:
         """The moment that ``(at start (p))`` speaks of; None of what is none of these, like ``(at kenny wp0)``."""
-        moment = _MOMENTS.get((group.word(0), group.word(1)))
-        return moment if len(group) > 2 and isinstance(group[2], Group) else None
+        timing = _MOMENTS.get((group.word(0), group.word(1)))
+        return timing if len(group) > 2 and isinstance(group[2], Group) else None
 
     def _inner(self, group: Group) -> Group:
         inner = group[2]
@@ -139,12 +151,12 @@ class TimedReader:
             raise self.context.error(f"({group[0]} {group[1]} ...) takes one group: {node_text(group, 60)}", group)
         return inner
 
-    def _one_moment(self, group: Group, timed: Sequence[TimedCondition]) -> Moment:
-        moments = {moment for moment, _ in timed}
-        if len(moments) != 1:
+    def _one_moment(self, group: Group, timed: Sequence[TimedCondition]) -> Timing:
+        timings = {timing for timing, _ in timed}
+        if len(timings) != 1:
             raise self.context.error(f"all of ({group.word(0)} ...) has to be of one moment, at start or at end", group)
-        return moments.pop()
+        return timings.pop()
 
 
-def _joined(parts: list[Condition]) -> Condition:
+def _joined(parts: list[Formula]) -> Formula:
     return parts[0] if len(parts) == 1 else And(tuple(parts)) if parts else Truism()

@@ -3,10 +3,10 @@
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from kbstore.domain import ROOT_TYPE
-from kbstore.logic import Parameter
+from kbstore.model.domain import ROOT_TYPE
+from kbstore.model.formulas import Parameter
 from kbstore.names import key
-from kbstore.pddl.context import Context, Variables
+from kbstore.pddl.scope import Scope, Variables
 from kbstore.pddl.sexpr import Group, node_text
 
 Types = tuple[str, ...]
@@ -21,7 +21,7 @@ class Typed(NamedTuple):
     types_place: int = -1
 
 
-def read_typed_list(context: Context, group: Group, start: int) -> Iterator[Typed]:
+def read_typed_list(context: Scope, group: Group, start: int) -> Iterator[Typed]:
     """Each name of a typed list with its types.
 
     Reads ``- type`` also where it is glued to a name: ``?x -type``, and ``wp0- waypoint`` where what follows can
@@ -54,7 +54,7 @@ def read_typed_list(context: Context, group: Group, start: int) -> Iterator[Type
     yield from (Typed(place, name) for place, name in pending)
 
 
-def read_parameters(context: Context, group: Group, start: int = 0) -> tuple[Parameter, ...]:
+def read_parameters(context: Scope, group: Group, start: int = 0) -> tuple[Parameter, ...]:
     """The typed variables of a group. Raises `PddlSyntaxError`; complains of unknown types and of repeated names."""
     parameters: dict[str, Parameter] = {}
     for index, variable, types, types_place in read_typed_list(context, group, start):
@@ -73,7 +73,7 @@ def bound(variables: Variables, parameters: tuple[Parameter, ...]) -> Variables:
     return {**variables, **{key(parameter.name): parameter.types for parameter in parameters}}
 
 
-def _types(context: Context, group: Group, index: int) -> Types:
+def _types(context: Scope, group: Group, index: int) -> Types:
     if index >= len(group):
         raise context.error("a type is missing after '-'", group, index)
     node = group[index]
@@ -86,14 +86,14 @@ def _types(context: Context, group: Group, index: int) -> Types:
     return tuple(node[1:])  # type: ignore[arg-type]
 
 
-def _begins_line(context: Context, group: Group, index: int) -> bool:
+def _begins_line(context: Scope, group: Group, index: int) -> bool:
     """Whether a word begins a line: some generators write ``- type`` there for objects of which there are none."""
     offset = context.source.offset(group, index)
     _, column = context.source.place(offset)
     return not context.source.text[offset - column + 1 : offset].strip()
 
 
-def _ends_in_type(context: Context, group: Group, index: int) -> bool:
+def _ends_in_type(context: Scope, group: Group, index: int) -> bool:
     """Whether the word with a '-' glued to its end is followed by a type: nothing else can stand there."""
     if index + 1 >= len(group) or len(group[index]) < 2:
         return False

@@ -5,8 +5,8 @@ from collections.abc import Container, Iterable, Iterator, Sequence
 from typing import Protocol
 
 from kbstore.clock import SECOND
-from kbstore.domain import ROOT_TYPE, Domain
 from kbstore.messages import Expression, Fact, Function, Goal, Inequality, Instance, KnowledgeItem, format_number
+from kbstore.model.domain import ROOT_TYPE, Domain
 from kbstore.names import key
 from kbstore.names import problem as name_problem
 
@@ -14,7 +14,7 @@ _NAMES_PER_LINE = 10
 _UNFIT = re.compile(r"[^A-Za-z0-9_-]+")
 
 
-class Running(Protocol):
+class RunningActionLike(Protocol):
     """An action that runs; times in nanoseconds."""
 
     @property
@@ -34,7 +34,7 @@ class Running(Protocol):
         """How long it is expected to take."""
 
 
-class Writable(Protocol):
+class StateLike(Protocol):
     """The state that a problem is written from."""
 
     @property
@@ -82,15 +82,15 @@ class Writable(Protocol):
         """What takes effect later, each at its `initial_time`."""
 
     @property
-    def running(self) -> Sequence[Running]:
+    def running(self) -> Sequence[RunningActionLike]:
         """The actions that run."""
 
     @property
-    def end_effects(self) -> Sequence[tuple[int, KnowledgeItem, Running]]:
+    def end_effects(self) -> Sequence[tuple[int, KnowledgeItem, RunningActionLike]]:
         """What they are expected to change, and when."""
 
 
-def write_problem(state: Writable, *, explicit_negatives: bool = False) -> str:
+def write_problem(state: StateLike, *, explicit_negatives: bool = False) -> str:
     """The planning problem as of a state.
 
     Numbers are exact and have no exponent. Timed knowledge, and the end effects of what runs, are timed-initial
@@ -153,7 +153,7 @@ def _functions(functions: Iterable[Function]) -> Iterator[str]:
             yield f"    ; {function.atom} changes by {format_number(function.rate)} per second"
 
 
-def _timed(state: Writable) -> Iterator[str]:
+def _timed(state: StateLike) -> Iterator[str]:
     declared = _declared(state)
     for item in state.timed_knowledge:
         yield from _timed_line(item, item.initial_time - state.at, declared if state.domain else None)
@@ -164,7 +164,7 @@ def _timed(state: Writable) -> Iterator[str]:
                 declared.pop(name, None)
 
 
-def _declared(state: Writable) -> dict[str, str]:
+def _declared(state: StateLike) -> dict[str, str]:
     """The types of the objects that the problem declares, and of constants; all as keys."""
     types = {key(instance.instance_name): key(instance.instance_type) for instance in state.instances}
     return types | (state.domain.constant_types if state.domain else {})
@@ -181,7 +181,7 @@ def _timed_line(item: KnowledgeItem, offset: int, declared: Container[str] | Non
         yield from _comments(f"at {seconds}, which PDDL cannot say: ", [item])
 
 
-def _running(state: Writable) -> Iterator[str]:
+def _running(state: StateLike) -> Iterator[str]:
     """The end effects of each action that runs, after a comment that names it (rule O4)."""
     declared = _declared(state) if state.domain else None
     for run in state.running:

@@ -6,33 +6,33 @@ from dataclasses import dataclass
 from itertools import product
 from typing import NamedTuple
 
-from kbstore.domain import Domain
 from kbstore.errors import DivisionByZero, InvalidKnowledge, UndefinedFunction
 from kbstore.evaluation import expressions
 from kbstore.evaluation.conditions import Evaluation
 from kbstore.evaluation.interpretation import Arguments, Interpretation, Number
-from kbstore.logic import (
+from kbstore.messages import AssignOp, ComparisonType, Operator, Truth
+from kbstore.messages.base import format_number
+from kbstore.model.domain import Domain
+from kbstore.model.formulas import (
     Add,
     Atom,
-    Change,
     Comparison,
-    Condition,
     Defined,
     Delete,
     Effect,
-    Expression,
     ForEach,
-    Moment,
+    Formula,
     Not,
+    NumericEffect,
+    NumericExpression,
+    Timing,
     When,
     WhenAtStart,
     atoms_of,
 )
-from kbstore.messages import AssignOp, ComparisonType, Operator, Truth
-from kbstore.messages.base import format_number
 from kbstore.names import key
 from kbstore.planning.grounding import GroundAction
-from kbstore.planning.premises import NOTHING, Remembered, premise
+from kbstore.planning.start_conditions import NOTHING, Remembered, premise
 
 
 class NumericChange(NamedTuple):
@@ -65,7 +65,7 @@ class Effects:
 
 def evaluate(
     ground: GroundAction,
-    moment: Moment,
+    timing: Timing,
     world: Interpretation,
     *,
     duration: float | None = None,
@@ -75,7 +75,7 @@ def evaluate(
 
     Atoms that are both deleted and added are added. Continuous effects are those of `Moment.OVER_ALL`; the rates of
     several on one function are summed. `duration`, in seconds, is the value of ``?duration``. Of the conditions at
-    start of later effects, those in `remembered` were true (`kbstore.planning.premises`).
+    start of later effects, those in `remembered` were true (`kbstore.planning.start_conditions`).
 
     All of it can be done on `world`: raises `UndefinedFunction` and `DivisionByZero` where a number cannot be had,
     and `InvalidKnowledge` where two effects conflict or a number overflows.
@@ -84,13 +84,13 @@ def evaluate(
     adds: dict[Atom, None] = {}
     changes: list[NumericChange] = []
     rates: dict[Atom, float] = {}
-    for effect, bindings in _triggered(ground, moment, world, duration, remembered):
+    for effect, bindings in _triggered(ground, timing, world, duration, remembered):
         match effect:
             case Delete(atom):
                 deletes[_grounded(atom, bindings, ground)] = None
             case Add(atom):
                 adds[_grounded(atom, bindings, ground)] = None
-            case Change(operation, term, value):
+            case NumericEffect(operation, term, value):
                 function = _grounded(term, bindings, ground)
                 operand = expressions.evaluate(value, world, bindings, duration=duration)
                 if operation is AssignOp.ASSIGN_CTS:
@@ -130,19 +130,19 @@ def resulting(changes: Iterable[NumericChange], number_at: Callable[[Atom], floa
 
 def lacking(
     ground: GroundAction,
-    moment: Moment,
+    timing: Timing,
     world: Interpretation,
     *,
     duration: float | None = None,
     remembered: Remembered = NOTHING,
-) -> list[Condition]:
+) -> list[Formula]:
     """What the numeric effects of a moment need and `world` does not give, as conditions that are not true there.
 
     A function that is changed relative to its value has to be defined, and each right-hand side to have a value.
     """
-    needs: dict[Condition, None] = {}
-    for effect, bindings in _triggered(ground, moment, world, duration, remembered):
-        if not isinstance(effect, Change):
+    needs: dict[Formula, None] = {}
+    for effect, bindings in _triggered(ground, timing, world, duration, remembered):
+        if not isinstance(effect, NumericEffect):
             continue
         value = tuple(_grounded(t, bindings, ground) if isinstance(t, Atom) else t for t in effect.value)
         missing = without_value(value, world, duration=duration)
@@ -155,12 +155,14 @@ def lacking(
     return list(needs)
 
 
-def without_value(expression: Expression, world: Interpretation, *, duration: float | None = None) -> list[Condition]:
+def without_value(
+    expression: NumericExpression, world: Interpretation, *, duration: float | None = None
+) -> list[Formula]:
     """Why a ground expression has no value in the world: what it reads is not ``Defined``, or a divisor is 0.
 
     The reasons are conditions that are not true in the world; there is none where the expression has a value.
     """
-    undefined: list[Condition] = [
+    undefined: list[Formula] = [
         Defined(function)
         for function in atoms_of(expression)
         if world.number(key(function.name), tuple(map(key, function.arguments))) is None
@@ -171,7 +173,7 @@ def without_value(expression: Expression, world: Interpretation, *, duration: fl
     return [] if divisor is None else [Not(Comparison(ComparisonType.EQUALS, divisor, (0.0,)))]
 
 
-class After:
+class StateAfter:
     """The world right after the effects of a moment, without copying it (an `Interpretation`).
 
     What a delete effect deletes is absent in a closed world, and explicitly false with `use_unknowns` (rule O2).
@@ -237,15 +239,15 @@ class After:
 
 
 def _triggered(
-    ground: GroundAction, moment: Moment, world: Interpretation, duration: float | None, remembered: Remembered
-) -> Iterator[tuple[Add | Delete | Change, Mapping[str, str]]]:
+    ground: GroundAction, timing: Timing, world: Interpretation, duration: float | None, remembered: Remembered
+) -> Iterator[tuple[Add | Delete | NumericEffect, Mapping[str, str]]]:
     """The simple effects of a moment that take place, in their order, each with the objects of its variables.
 
     A conditional effect takes place where its condition is true; where that is unknown, it does not.
     """
     evaluation = Evaluation(world, duration=duration)
     todo: list[tuple[Effect, Mapping[str, str]]] = [
-        (effect, ground.bindings) for effect in reversed(ground.action.effects_at(moment))
+        (effect, ground.bindings) for effect in reversed(ground.action.effects_at(timing))
     ]
     while todo:
         effect, bindings = todo.pop()
@@ -261,11 +263,11 @@ def _triggered(
                 choices = product(*(sorted(world.objects(p.types)) for p in parameters))
                 each = [{**bindings, **dict(zip(variables, chosen, strict=True))} for chosen in choices]
                 todo.extend((part, inner) for inner in reversed(each) for part in reversed(parts))
-            case Add() | Delete() | Change():
-                is_continuous = isinstance(effect, Change) and effect.operation is AssignOp.ASSIGN_CTS
-                if is_continuous != (moment is Moment.OVER_ALL):
+            case Add() | Delete() | NumericEffect():
+                is_continuous = isinstance(effect, NumericEffect) and effect.operation is AssignOp.ASSIGN_CTS
+                if is_continuous != (timing is Timing.OVER_ALL):
                     raise InvalidKnowledge(
-                        f"{ground.action.name} has an effect {moment.value} that cannot be there: continuous effects,"
+                        f"{ground.action.name} has an effect {timing.value} that cannot be there: continuous effects,"
                         " and no others, belong to the whole of a durative action"
                     )
                 yield effect, bindings
@@ -337,7 +339,9 @@ def _finite(number: float, what: str, function: Atom, ground: GroundAction) -> f
     return number
 
 
-def _zero_divisor(expression: Expression, world: Interpretation, duration: float | None) -> Expression | None:
+def _zero_divisor(
+    expression: NumericExpression, world: Interpretation, duration: float | None
+) -> NumericExpression | None:
     """The first divisor that is 0, from the right, in an expression that reads no undefined function."""
     operands: list[tuple[float, int]] = []  # the values of what has been read, and where each one ends
     for start in reversed(range(len(expression))):

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from kbstore import names
-from kbstore.actions import Action
-from kbstore.domain import Domain
 from kbstore.errors import InvalidKnowledge
 from kbstore.evaluation.interpretation import Interpretation
 from kbstore.evaluation.substitution import Bindings, instantiated
-from kbstore.logic import And, Atom, Condition, Expression, Forall, Moment, Parameter, Preference, Truism
+from kbstore.model.actions import Action
+from kbstore.model.domain import Domain
+from kbstore.model.formulas import And, Atom, Forall, Formula, NumericExpression, Parameter, Preference, Timing, Truism
 from kbstore.names import key
 
 
@@ -34,14 +34,14 @@ class GroundAction:
         """The object of each parameter as it was given; parameters as keys."""
         return dict(zip(map(key, (p.name for p in self.action.parameters)), self.arguments, strict=True))
 
-    def conditions(self, moment: Moment) -> list[Condition]:
+    def conditions(self, timing: Timing) -> list[Formula]:
         """The conditions of a moment with the objects in their places, conjunctions split into their parts.
 
         Other conditions stay as they are; preferences are left out (`required`).
         """
         return [
             instantiated(part, self.spellings)
-            for condition in self.action.conditions_at(moment)
+            for condition in self.action.conditions_at(timing)
             for part in required(condition)
         ]
 
@@ -86,7 +86,7 @@ def _mismatch(domain: Domain, argument: str, parameter: Parameter, world: Interp
     return None
 
 
-def required(condition: Condition) -> Iterator[Condition]:
+def required(condition: Formula) -> Iterator[Formula]:
     """The parts of a conjunction, without what is always true and without preferences.
 
     A preference never keeps an action from being applied (PDDL 3.0).
@@ -105,7 +105,7 @@ def required(condition: Condition) -> Iterator[Condition]:
             yield condition
 
 
-def with_objects(expression: Expression, objects: Bindings) -> Expression:
+def with_objects(expression: NumericExpression, objects: Bindings) -> NumericExpression:
     """The numeric expression with objects for its variables."""
     return tuple(_with_objects(token, objects) if isinstance(token, Atom) else token for token in expression)
 

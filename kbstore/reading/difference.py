@@ -1,9 +1,9 @@
 """What differs between two states (rule Q5): it compares what was said."""
 
 from kbstore.messages import Expression, Fact, Function, Inequality, Instance, KnowledgeItem
+from kbstore.model.results import Diff
 from kbstore.names import key
 from kbstore.reading.state import State
-from kbstore.record import Diff
 
 
 def difference(before: State, after: State) -> Diff:

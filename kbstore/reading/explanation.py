@@ -2,23 +2,23 @@
 
 from collections.abc import Sequence
 
-from kbstore import logic
 from kbstore.clock import OPEN
 from kbstore.evaluation import conditions
 from kbstore.messages import KnowledgeType, Truth, format_number
+from kbstore.model import formulas
+from kbstore.model.results import Explanation, Transaction
+from kbstore.model.symbols import SymbolTable
+from kbstore.model.timelines import EndCause, Identity, Role, atom_key
 from kbstore.names import is_wildcard, key
-from kbstore.pddl.text import condition_text
-from kbstore.planning.projection import Event
-from kbstore.reading.course import since_when
+from kbstore.pddl.printer import condition_text
+from kbstore.planning.simulator import Event
 from kbstore.reading.history import History
-from kbstore.reading.pictures import Place
 from kbstore.reading.questions import Question, as_condition
 from kbstore.reading.reader import Reader
 from kbstore.reading.state import State
-from kbstore.record import Explanation, Transaction
-from kbstore.storage.repository import Moment, Recorded, Repository
-from kbstore.timelines import EndCause, Identity, Role, atom_key
-from kbstore.vocabulary import Vocabulary
+from kbstore.reading.state_cache import TemporalPoint
+from kbstore.reading.trajectory import since_when
+from kbstore.storage.repository import LogPosition, RecordedAssertion, Repository
 
 _ENDED = {
     EndCause.OBJECT: "expired with its instance",
@@ -45,23 +45,23 @@ class Explainer:
             head = repository.head()
             for asked in (state.at, state.at if state.belief is None else state.belief.time):
                 self._reader.refuse_archived(asked, head)
-            condition = as_condition(question, Vocabulary(state.domain))
+            condition = as_condition(question, SymbolTable(state.domain))
             return self._condition(repository, state, condition)
 
-    def _condition(self, repository: Repository, state: State, condition: logic.Condition) -> Explanation:
+    def _condition(self, repository: Repository, state: State, condition: formulas.Formula) -> Explanation:
         truth = conditions.truth(condition, state.snapshot)
         match condition:
-            case logic.Atom() if not any(map(is_wildcard, condition.arguments)):
+            case formulas.Atom() if not any(map(is_wildcard, condition.arguments)):
                 return self._atom(repository, state, condition, truth)
-            case logic.Not(part):
+            case formulas.Not(part):
                 inner = self._condition(repository, state, part)
                 text = condition_text(condition)
                 return Explanation(text, truth, inner.reason, inner.since, inner.transaction, inner.parts)
-            case logic.Defined(function):
+            case formulas.Defined(function):
                 return self._told(repository, state, condition_text(condition), truth, KnowledgeType.FUNCTION, function)
-            case logic.Comparison():
+            case formulas.Comparison():
                 return self._comparison(repository, state, condition, truth)
-            case logic.IsA():
+            case formulas.IsA():
                 return self._object(repository, state, condition, truth)
         parts = [
             self._condition(repository, state, part)
@@ -70,7 +70,7 @@ class Explainer:
         ]
         return self._summary(repository, state, condition, truth, parts)
 
-    def _atom(self, repository: Repository, state: State, atom: logic.Atom, truth: Truth) -> Explanation:
+    def _atom(self, repository: Repository, state: State, atom: formulas.Atom, truth: Truth) -> Explanation:
         if state.domain is not None and state.domain.is_derived(atom.name):
             reason = {
                 Truth.TRUE: "derived by the domain's rules",
@@ -81,10 +81,10 @@ class Explainer:
         return self._told(repository, state, str(atom), truth, KnowledgeType.FACT, atom)
 
     def _comparison(
-        self, repository: Repository, state: State, condition: logic.Comparison, truth: Truth
+        self, repository: Repository, state: State, condition: formulas.Comparison, truth: Truth
     ) -> Explanation:
         parts = []
-        for function in dict.fromkeys(logic.atoms_of((*condition.left, *condition.right))):
+        for function in dict.fromkeys(formulas.atoms_of((*condition.left, *condition.right))):
             number = state.snapshot.number(key(function.name), tuple(map(key, function.arguments)))
             text = str(function) if number is None else f"(= {function} {format_number(number.at(state.at))})"
             defined = Truth.of(number is not None)
@@ -95,7 +95,7 @@ class Explainer:
             return self._summary(repository, state, condition, truth, undefined or parts, reason)
         return self._summary(repository, state, condition, truth, parts, "by the values of its functions")
 
-    def _object(self, repository: Repository, state: State, condition: logic.IsA, truth: Truth) -> Explanation:
+    def _object(self, repository: Repository, state: State, condition: formulas.IsA, truth: Truth) -> Explanation:
         text = condition_text(condition)
         if state.domain is not None and state.domain.constant_spelling(condition.name) is not None:
             return Explanation(text, truth, f"a constant of the domain {state.domain.name}")
@@ -110,7 +110,7 @@ class Explainer:
         self,
         repository: Repository,
         state: State,
-        condition: logic.Condition,
+        condition: formulas.Formula,
         truth: Truth,
         parts: Sequence[Explanation],
         reason: str = "",
@@ -122,7 +122,7 @@ class Explainer:
         """
         since = max((part.since for part in parts if part.since is not None), default=None)
         transaction = next((part.transaction for part in parts if part.since == since and since is not None), None)
-        is_constant = isinstance(condition, logic.Same | logic.Truism)
+        is_constant = isinstance(condition, formulas.Same | formulas.Truism)
         if state.belief is None and not is_constant:
             guess = state.at if since is None else since
             turned = since_when(self._reader, self._history, repository, condition, truth, state.at, guess=guess)
@@ -151,7 +151,7 @@ class Explainer:
     # -- rows -------------------------------------------------------------------------------------------------
 
     def _told(
-        self, repository: Repository, state: State, text: str, truth: Truth, kind: KnowledgeType, atom: logic.Atom
+        self, repository: Repository, state: State, text: str, truth: Truth, kind: KnowledgeType, atom: formulas.Atom
     ) -> Explanation:
         """Why a fact is what it is, or a function defined."""
         name = atom_key([key(name) for name in (atom.name, *atom.arguments)])
@@ -166,14 +166,16 @@ class Explainer:
     def _expected(self, repository: Repository, state: State, identity: Identity) -> Event | None:
         """The last change of a timeline that is reckoned and not stored, for a time after the belief (rule O3)."""
         head = repository.head()
-        belief = state.belief or Moment(self._reader.now(head))
+        belief = state.belief or LogPosition(self._reader.now(head))
         if state.at <= belief.time or not self._reader.running(repository, belief, head):
             return None
-        believed = self._reader.state(repository, Place(belief.time, belief, head, is_past_belief=True))
+        believed = self._reader.state(repository, TemporalPoint(belief.time, belief, head, is_past_belief=True))
         events = believed.projection().advance(state.at)
         return next((event for event in reversed(list(events)) if event.timeline.identity == identity), None)
 
-    def _rows(self, repository: Repository, state: State, kind: KnowledgeType, name: str) -> Sequence[Recorded]:
+    def _rows(
+        self, repository: Repository, state: State, kind: KnowledgeType, name: str
+    ) -> Sequence[RecordedAssertion]:
         """The latest rows of a timeline that begin by the state's time, as they were believed."""
         timeline = repository.find(Role.STATE, kind, [name]).get(name)
         if timeline is None:
@@ -190,7 +192,9 @@ class Explainer:
             raise self._reader.archived(f"what there was of ({timeline.spelling})", head)
         return sorted(known, key=lambda row: (row.initial_time, row.recorded))
 
-    def _believed(self, repository: Repository, belief: Moment, rows: Sequence[Recorded]) -> list[Recorded]:
+    def _believed(
+        self, repository: Repository, belief: LogPosition, rows: Sequence[RecordedAssertion]
+    ) -> list[RecordedAssertion]:
         """The rows as they were at the moment of a belief: what was ended or cancelled later, was not yet."""
         numbers = {number for row in rows for number in (row.recorded, row.ended, row.cancelled) if number}
         transactions = self._history.transactions(repository, numbers)
@@ -209,7 +213,13 @@ class Explainer:
         ]
 
     def _of_row(
-        self, repository: Repository, state: State, text: str, truth: Truth, rows: Sequence[Recorded], absent: str
+        self,
+        repository: Repository,
+        state: State,
+        text: str,
+        truth: Truth,
+        rows: Sequence[RecordedAssertion],
+        absent: str,
     ) -> Explanation:
         if not rows:
             return Explanation(text, truth, absent)

@@ -8,17 +8,17 @@ from kbstore.clock import OPEN, time
 from kbstore.errors import InvalidKnowledge, UnknownSymbol
 from kbstore.evaluation.snapshot import is_of
 from kbstore.messages import Condition, Expression, Fact, Function, Inequality, Instance, KnowledgeItem, KnowledgeType
+from kbstore.model.results import Assertion, Change, Transaction
+from kbstore.model.symbols import SymbolTable
+from kbstore.model.timelines import METRIC_KEY, Role, Timeline, atom_key
 from kbstore.names import is_wildcard, key
-from kbstore.pddl.forms import condition_of
-from kbstore.pddl.text import condition_text
-from kbstore.reading.items import ItemReader
+from kbstore.pddl.parse import condition_of
+from kbstore.pddl.printer import condition_text
+from kbstore.reading.item_factory import ItemFactory
 from kbstore.reading.mentions import mentions
 from kbstore.reading.questions import as_item
 from kbstore.reading.reader import Reader
-from kbstore.record import Assertion, Change, Transaction
-from kbstore.storage.repository import Head, Moment, Recorded, Repository
-from kbstore.timelines import METRIC_KEY, Role, Timeline, atom_key
-from kbstore.vocabulary import Vocabulary
+from kbstore.storage.repository import Head, LogPosition, RecordedAssertion, Repository
 
 BATCH = 256
 """How many transactions `changes` reads at once."""
@@ -34,11 +34,11 @@ class Pattern(NamedTuple):
     timelines: list[Timeline]
     type_name: str = ""
 
-    def matches(self, row: Recorded, vocabulary: Vocabulary) -> bool:
+    def matches(self, row: RecordedAssertion, symbol_table: SymbolTable) -> bool:
         """Whether an assertion on one of the timelines matches: an object's type may be given."""
         if self.kind is not KnowledgeType.INSTANCE or not self.type_name:
             return True
-        return is_of(vocabulary.domain, row.value[1], [self.type_name])
+        return is_of(symbol_table.domain, row.value[1], [self.type_name])
 
 
 class History:
@@ -57,49 +57,49 @@ class History:
             head = repository.head()
             for asked in (first, first if until is None else max(first, last - 1)):
                 self._reader.refuse_archived(asked, head)
-            vocabulary = self._vocabulary(repository, head, pattern, last)
-            found = self._matching(repository, as_item(pattern, vocabulary), vocabulary)
+            symbol_table = self._symbols(repository, head, pattern, last)
+            found = self._matching(repository, as_item(pattern, symbol_table), symbol_table)
             rows = [
                 row
                 for row in self.rows(repository, found.kind, found.timelines, first, last)
-                if found.matches(row, vocabulary) and _overlaps(row, first)
+                if found.matches(row, symbol_table) and _overlaps(row, first)
             ]
             rows.sort(key=_order)
-            return self.as_assertions(repository, rows, vocabulary)
+            return self.as_assertions(repository, rows, symbol_table)
 
     def rows(
         self, repository: Repository, kind: KnowledgeType, timelines: Sequence[Timeline], first: int, until: int
-    ) -> list[Recorded]:
+    ) -> list[RecordedAssertion]:
         """The rows of timelines from the one that stands at `first` on."""
         if not timelines:
             return []
         if len(timelines) > _FEW or not first:
             return repository.history(kind, timelines, 0, until)
-        rows: list[Recorded] = []
+        rows: list[RecordedAssertion] = []
         for timeline in timelines:
             rows += repository.history(kind, [timeline], repository.latest_start(timeline, first), until)
         return rows
 
-    def _vocabulary(self, repository: Repository, head: Head, pattern: object, until: int) -> Vocabulary:
+    def _symbols(self, repository: Repository, head: Head, pattern: object, until: int) -> SymbolTable:
         """The latest vocabulary that knows the pattern's symbol (rule D4)."""
         versions = [version for version in self._reader.versions(repository, head) if version.time < until]
         if not versions:
-            return self._reader.vocabulary(repository, head, Moment(head.time))
+            return self._reader.symbol_table(repository, head, LogPosition(head.time))
         refusal: UnknownSymbol | None = None
         for version in reversed(versions):
-            vocabulary = Vocabulary(version.domain)
+            symbol_table = SymbolTable(version.domain)
             try:
-                item = as_item(pattern, vocabulary)
+                item = as_item(pattern, symbol_table)
                 if isinstance(item, Fact | Function):
-                    vocabulary.ordered(item.knowledge_type, item.attribute_name, item.arguments, item.labels)
+                    symbol_table.ordered(item.knowledge_type, item.attribute_name, item.arguments, item.labels)
             except UnknownSymbol as error:
                 refusal = refusal or error
             else:
-                return vocabulary
+                return symbol_table
         assert refusal is not None
         raise refusal
 
-    def _matching(self, repository: Repository, item: KnowledgeItem, vocabulary: Vocabulary) -> Pattern:
+    def _matching(self, repository: Repository, item: KnowledgeItem, symbol_table: SymbolTable) -> Pattern:
         match item:
             case Fact() | Function():
                 kind = item.knowledge_type
@@ -107,11 +107,11 @@ class History:
                     raise InvalidKnowledge(f"{item}: a pattern names its predicate or function; its arguments may be ?")
                 if (
                     kind is KnowledgeType.FACT
-                    and vocabulary.domain
-                    and vocabulary.domain.is_derived(item.attribute_name)
+                    and symbol_table.domain
+                    and symbol_table.domain.is_derived(item.attribute_name)
                 ):
                     raise InvalidKnowledge(f"{item} is derived by rules and never asserted; ask when() it was true")
-                name, arguments = vocabulary.ordered(kind, item.attribute_name, item.arguments, item.labels)
+                name, arguments = symbol_table.ordered(kind, item.attribute_name, item.arguments, item.labels)
                 return Pattern(kind, self._atoms(repository, kind, (key(name), *map(key, arguments))))
             case Instance():
                 name = key(item.instance_name)
@@ -120,11 +120,11 @@ class History:
                     if is_wildcard(name)
                     else list(repository.find(Role.STATE, KnowledgeType.INSTANCE, [name]).values())
                 )
-                if item.instance_type and vocabulary.domain is not None:
-                    vocabulary.domain.type_spelling(item.instance_type)
+                if item.instance_type and symbol_table.domain is not None:
+                    symbol_table.domain.type_spelling(item.instance_type)
                 return Pattern(KnowledgeType.INSTANCE, timelines, item.instance_type)
             case Inequality():
-                text = condition_text(condition_of(item.changed(is_negative=False), vocabulary.domain))
+                text = condition_text(condition_of(item.changed(is_negative=False), symbol_table.domain))
                 found = repository.find(Role.STATE, KnowledgeType.INEQUALITY, [key(text)])
                 return Pattern(KnowledgeType.INEQUALITY, list(found.values()))
             case Expression():
@@ -145,13 +145,13 @@ class History:
     # -- rows to assertions -----------------------------------------------------------------------------------
 
     def as_assertions(
-        self, repository: Repository, rows: Sequence[Recorded], vocabulary: Vocabulary
+        self, repository: Repository, rows: Sequence[RecordedAssertion], symbol_table: SymbolTable
     ) -> list[Assertion]:
         """Assertions with their transactions; ends that came by the clock with the transaction that scheduled them."""
         ends = {index: self.ender(repository, row) for index, row in enumerate(rows)}
         numbers = {row.recorded for row in rows} | {row.cancelled for row in rows} | set(ends.values())
         transactions = self.transactions(repository, {number for number in numbers if number is not None})
-        reader = ItemReader(vocabulary)
+        reader = ItemFactory(symbol_table)
         found = []
         for index, row in enumerate(rows):
             ended, cancelled = ends[index], row.cancelled
@@ -169,7 +169,7 @@ class History:
         return found
 
     @staticmethod
-    def ender(repository: Repository, row: Recorded) -> int | None:
+    def ender(repository: Repository, row: RecordedAssertion) -> int | None:
         """The transaction that ended a row, or scheduled what ends it."""
         if row.ended is not None or row.cancelled is not None or row.end_time == OPEN:
             return row.ended
@@ -208,10 +208,12 @@ class History:
             return []
         transactions = [as_transaction(row) for row in repository.transactions_between(after, upto)]
         self._refuse_gap(repository, transactions, after, head)
-        vocabulary = self._reader.vocabulary(repository, head, Moment(head.time))
-        recorded, ended, cancelled = repository.touched(after, upto)
+        symbol_table = self._reader.symbol_table(repository, head, LogPosition(head.time))
+        recorded, ended, cancelled = repository.changes_between(after, upto)
         everything = [*recorded, *ended, *cancelled]
-        assertions = dict(zip(map(id, everything), self.as_assertions(repository, everything, vocabulary), strict=True))
+        assertions = dict(
+            zip(map(id, everything), self.as_assertions(repository, everything, symbol_table), strict=True)
+        )
         asserted_by: dict[int | None, list[Assertion]] = defaultdict(list)
         ended_by: dict[int | None, list[Assertion]] = defaultdict(list)
         cancelled_by: dict[int | None, list[Assertion]] = defaultdict(list)
@@ -250,23 +252,27 @@ class History:
     ) -> list[Change]:
         """What took effect by the clock alone after a time and up to another, by time; `last` was before it."""
         self._reader.refuse_archived(after + 1, head)
-        due: dict[int, list[Recorded]] = defaultdict(list)
-        for row in repository.due(after, upto):
+        due: dict[int, list[RecordedAssertion]] = defaultdict(list)
+        for row in repository.due_between(after, upto):
             due[row.initial_time].append(row)
-        vocabulary = self._reader.vocabulary(repository, head, Moment(head.time))
+        symbol_table = self._reader.symbol_table(repository, head, LogPosition(head.time))
         found = []
         for t in sorted(due):
             ended = self._ended_by_clock(repository, due[t], t)
-            asserted = self.as_assertions(repository, due[t], vocabulary)
-            found.append(Change(last.number, last, asserted, self.as_assertions(repository, ended, vocabulary), [], t))
+            asserted = self.as_assertions(repository, due[t], symbol_table)
+            found.append(
+                Change(last.number, last, asserted, self.as_assertions(repository, ended, symbol_table), [], t)
+            )
         return found
 
-    def _ended_by_clock(self, repository: Repository, due: Sequence[Recorded], t: int) -> list[Recorded]:
+    def _ended_by_clock(
+        self, repository: Repository, due: Sequence[RecordedAssertion], t: int
+    ) -> list[RecordedAssertion]:
         timelines = {row.timeline.id: row.timeline for row in due}
         gone = [row.timeline.id for row in due if row.timeline.kind is KnowledgeType.INSTANCE and row.value[0]]
         if gone:
             timelines |= {timeline.id: timeline for timeline in repository.mentioning(gone)}
-        found: list[Recorded] = []
+        found: list[RecordedAssertion] = []
         for timeline in timelines.values():
             first = repository.latest_start(timeline, t - 1)
             rows = repository.history(timeline.kind, [timeline], first, t)
@@ -280,19 +286,21 @@ def as_transaction(row: Sequence[object]) -> Transaction:
     return Transaction(number, recorded, client or "", note or "", changes)  # type: ignore[arg-type]
 
 
-def _overlaps(row: Recorded, first: int) -> bool:
+def _overlaps(row: RecordedAssertion, first: int) -> bool:
     return row.end_time > first or (row.initial_time >= first and row.end_time <= row.initial_time)
 
 
-def _order(row: Recorded) -> tuple[int, int, int]:
+def _order(row: RecordedAssertion) -> tuple[int, int, int]:
     return row.initial_time, row.recorded, row.timeline.id
 
 
-def matches(pattern: object, item: KnowledgeItem | Condition, vocabulary: Vocabulary) -> bool:
+def matches(pattern: object, item: KnowledgeItem | Condition, symbol_table: SymbolTable) -> bool:
     """Whether an item is of the kind, symbol and objects that a pattern says."""
-    wanted = as_item(pattern, vocabulary)
+    wanted = as_item(pattern, symbol_table)
     if isinstance(wanted, Fact | Function) and isinstance(item, Fact | Function):
-        _, arguments = vocabulary.ordered(wanted.knowledge_type, wanted.attribute_name, wanted.arguments, wanted.labels)
+        _, arguments = symbol_table.ordered(
+            wanted.knowledge_type, wanted.attribute_name, wanted.arguments, wanted.labels
+        )
         keys = (key(wanted.attribute_name), *map(key, arguments))
         return (
             wanted.knowledge_type is item.knowledge_type
@@ -301,7 +309,7 @@ def matches(pattern: object, item: KnowledgeItem | Condition, vocabulary: Vocabu
         )
     if isinstance(wanted, Instance) and isinstance(item, Instance):
         named = is_wildcard(wanted.instance_name) or key(wanted.instance_name) == key(item.instance_name)
-        typed = not wanted.instance_type or is_of(vocabulary.domain, item.instance_type, [wanted.instance_type])
+        typed = not wanted.instance_type or is_of(symbol_table.domain, item.instance_type, [wanted.instance_type])
         return named and typed
     if isinstance(wanted, Expression):
         return isinstance(item, Expression)

@@ -3,13 +3,14 @@
 from collections.abc import Sequence
 from functools import lru_cache
 
-from kbstore.logic import (
+from kbstore.messages import KnowledgeType
+from kbstore.model.formulas import (
     Atom,
     Comparison,
-    Condition,
     Defined,
     Exists,
     Forall,
+    Formula,
     Imply,
     IsA,
     Not,
@@ -17,10 +18,9 @@ from kbstore.logic import (
     Same,
     Truism,
 )
-from kbstore.messages import KnowledgeType
+from kbstore.model.timelines import Role, Timeline, Value
 from kbstore.names import key
-from kbstore.pddl.forms import parse_condition, parse_expression
-from kbstore.timelines import Role, Timeline, Value
+from kbstore.pddl.parse import parse_condition, parse_expression
 
 
 def mentions(timeline: Timeline, value: Value) -> Sequence[str]:
@@ -49,10 +49,10 @@ def _in_condition(text: str) -> Sequence[str]:
     return tuple(sorted(objects_in(parse_condition(text))))
 
 
-def objects_in(condition: Condition) -> set[str]:
+def objects_in(condition: Formula) -> set[str]:
     """The keys of the objects that a condition mentions by name."""
     found: set[str] = set()
-    stack: list[Condition] = [condition]
+    stack: list[Formula] = [condition]
     while stack:
         part = stack.pop()
         match part:

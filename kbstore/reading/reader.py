@@ -7,21 +7,21 @@ from contextlib import contextmanager
 from typing import NamedTuple
 
 from kbstore.clock import Clock, isoformat, time
-from kbstore.domain import Domain
 from kbstore.errors import HistoryUnavailable
-from kbstore.evaluation.snapshot import Row, Snapshot
+from kbstore.evaluation.snapshot import Snapshot, StateRow
 from kbstore.messages import KnowledgeType
+from kbstore.model.domain import Domain
+from kbstore.model.results import Explanation, Run, Transaction
+from kbstore.model.symbols import InferredSignature, SymbolTable
 from kbstore.pddl.domain_reader import read_domain
-from kbstore.planning.projection import Projection, Running
-from kbstore.reading.lazy_world import LazyWorld
+from kbstore.planning.simulator import RunningAction, Simulator
+from kbstore.reading.lazy_state import LazyState
 from kbstore.reading.mentions import mentions
-from kbstore.reading.pictures import Album, Picture, Place
 from kbstore.reading.questions import Question
 from kbstore.reading.state import State
-from kbstore.record import Explanation, Run, Transaction
+from kbstore.reading.state_cache import StateCache, StateData, TemporalPoint
 from kbstore.storage.database import Database
-from kbstore.storage.repository import Head, Moment, Repository, RunRow, TimelineCache
-from kbstore.vocabulary import Shape, Vocabulary
+from kbstore.storage.repository import Head, LogPosition, Repository, RunRow, TimelineCache
 
 
 class DomainVersion(NamedTuple):
@@ -56,7 +56,7 @@ class Reader:
         self.clock = clock
         self.cache = TimelineCache()
         self._explainer = explainer
-        self._album = Album() if caching else None
+        self._album = StateCache() if caching else None
         self._versions: list[DomainVersion] = []
         self._loading = threading.Lock()
 
@@ -72,20 +72,20 @@ class Reader:
         """Now in questions: a caller always sees what it wrote (rule T3)."""
         return max(time(self.clock.now()), head.time)
 
-    def place(self, repository: Repository, at: object = None, as_of: object = None) -> Place:
+    def place(self, repository: Repository, at: object = None, as_of: object = None) -> TemporalPoint:
         """The moment that a question means. Raises `HistoryUnavailable` for one that has been archived away."""
         head = repository.head()
         now = self.now(head)
         t = now if at is None else time(at)
         if as_of is None:
-            belief = Moment(now)
+            belief = LogPosition(now)
         elif isinstance(as_of, Transaction):
             belief = repository.after_transaction(as_of.number, as_of.time)
         else:
-            belief = Moment(min(time(as_of), now))
+            belief = LogPosition(min(time(as_of), now))
         for asked in (t, belief.time):
             self.refuse_archived(asked, head)
-        return Place(t, belief, head, as_of is not None and belief.time <= t)
+        return TemporalPoint(t, belief, head, as_of is not None and belief.time <= t)
 
     def refuse_archived(self, t: int, head: Head) -> None:
         """Raise `HistoryUnavailable` for a time before which history has been archived away (rule Q7).
@@ -125,36 +125,36 @@ class Reader:
         """Since when the latest version of the domain that was read counts; 0 if there is none."""
         return self._versions[-1].time if self._versions else 0
 
-    def vocabulary(self, repository: Repository, head: Head, at: Moment) -> Vocabulary:
+    def symbol_table(self, repository: Repository, head: Head, at: LogPosition) -> SymbolTable:
         """The vocabulary at a place in the record."""
         found: Domain | None = None
         for version in self.versions(repository, head):
             if version.time <= at.time and (at.number is None or version.transaction <= at.number):
                 found = version.domain
         if found is not None:
-            return Vocabulary(found)
-        return Vocabulary(None, self.shapes(repository))
+            return SymbolTable(found)
+        return SymbolTable(None, self.shapes(repository))
 
-    def shapes(self, repository: Repository) -> dict[tuple[KnowledgeType, str], Shape]:
+    def shapes(self, repository: Repository) -> dict[tuple[KnowledgeType, str], InferredSignature]:
         """The shapes of symbols that a knowledge base without a domain keeps (rule D2)."""
         return {
-            (KnowledgeType(kind), name_key): Shape(name, arity, tuple(labels.split()) if labels else None)
+            (KnowledgeType(kind), name_key): InferredSignature(name, arity, tuple(labels.split()) if labels else None)
             for kind, name_key, name, arity, labels in repository.symbols()
         }
 
-    def world(self, repository: Repository, place: Place) -> LazyWorld | None:
+    def world(self, repository: Repository, place: TemporalPoint) -> LazyState | None:
         """A moment as it is stored, to be read as far as needed; None where it must be reckoned."""
         t, belief = place.at, place.belief
         if place.is_past_belief or (belief.number is not None and t >= belief.time):
             return None
         if t > belief.time and self.running(repository, belief, place.head):
             return None
-        vocabulary = self.vocabulary(repository, place.head, Moment(t))
-        return LazyWorld(repository, t, vocabulary.domain, use_unknowns=self.use_unknowns)
+        symbol_table = self.symbol_table(repository, place.head, LogPosition(t))
+        return LazyState(repository, t, symbol_table.domain, use_unknowns=self.use_unknowns)
 
     # -- pictures ---------------------------------------------------------------------------------------------
 
-    def picture(self, repository: Repository, place: Place, domain: Domain | None) -> Picture:
+    def picture(self, repository: Repository, place: TemporalPoint, domain: Domain | None) -> StateData:
         """What stood (or is expected to stand) at a moment (rules Q1, Q2, O3)."""
         if self._album is None or not place.is_settled:
             return self._picture(repository, place, domain)
@@ -164,15 +164,15 @@ class Reader:
             self._album.put(place.at, picture)
         return picture
 
-    def _picture(self, repository: Repository, place: Place, domain: Domain | None) -> Picture:
+    def _picture(self, repository: Repository, place: TemporalPoint, domain: Domain | None) -> StateData:
         t, belief = place.at, place.belief
         at = self._known(place)
-        pending = _all_kinds(repository.pending, at)
+        pending = _all_kinds(repository.scheduled_at, at)
         running = self.running(repository, at, place.head)
         if t > belief.time and (place.is_past_belief or running):
-            projection = Projection(
+            projection = Simulator(
                 belief.time,
-                _all_kinds(repository.standing, at),
+                _all_kinds(repository.state_at, at),
                 pending,
                 running,
                 domain=domain,
@@ -184,40 +184,45 @@ class Reader:
             rows, running = projection.rows, projection.running
         else:
             # what was scheduled is stored with the interval that is expected of it
-            rows = _all_kinds(repository.standing, at if t <= belief.time else Moment(t))
-        return Picture(Snapshot(t, rows, domain, self.use_unknowns), pending, running)
+            rows = _all_kinds(repository.state_at, at if t <= belief.time else LogPosition(t))
+        return StateData(Snapshot(t, rows, domain, self.use_unknowns), pending, running)
 
     @staticmethod
-    def _known(place: Place) -> Moment:
+    def _known(place: TemporalPoint) -> LogPosition:
         """The place in the record up to which a question uses it."""
         t, belief = place.at, place.belief
         is_exact = belief.number is not None and t == belief.time
-        return belief if is_exact or t > belief.time else Moment(t)
+        return belief if is_exact or t > belief.time else LogPosition(t)
 
-    def running(self, repository: Repository, at: Moment, head: Head) -> list[Running]:
+    def running(self, repository: Repository, at: LogPosition, head: Head) -> list[RunningAction]:
         """The durative actions that run at a place in the record."""
         if not head.last_run:
             return []
         return [as_running(row) for row in repository.running(at)]
 
-    def state(self, repository: Repository, place: Place, as_of: object = None) -> State:
+    def state(self, repository: Repository, place: TemporalPoint, as_of: object = None) -> State:
         """The state at a moment."""
-        vocabulary = self.vocabulary(repository, place.head, self._known(place))
-        picture = self.picture(repository, place, vocabulary.domain)
-        return self.state_of(picture, vocabulary, None if as_of is None else place.belief)
+        symbol_table = self.symbol_table(repository, place.head, self._known(place))
+        picture = self.picture(repository, place, symbol_table.domain)
+        return self.state_of(picture, symbol_table, None if as_of is None else place.belief)
 
-    def state_of(self, picture: Picture, vocabulary: Vocabulary, belief: Moment | None = None) -> State:
+    def state_of(self, picture: StateData, symbol_table: SymbolTable, belief: LogPosition | None = None) -> State:
         """The state that a picture shows."""
         return State(
-            picture, belief=belief, name=self.name, vocabulary=vocabulary, mentions=mentions, explainer=self._explainer
+            picture,
+            belief=belief,
+            name=self.name,
+            symbol_table=symbol_table,
+            mentions=mentions,
+            explainer=self._explainer,
         )
 
 
-def as_running(row: RunRow) -> Running:
+def as_running(row: RunRow) -> RunningAction:
     """A stored run, as the state knows it."""
     run = Run(row.operator, row.arguments, row.started, row.duration, row.number)
-    return Running(run, row.rates, row.remembered)
+    return RunningAction(run, row.rates, row.remembered)
 
 
-def _all_kinds(read: Callable[[KnowledgeType, Moment], Sequence[Row]], at: Moment) -> list[Row]:
+def _all_kinds(read: Callable[[KnowledgeType, LogPosition], Sequence[StateRow]], at: LogPosition) -> list[StateRow]:
     return [row for kind in KnowledgeType for row in read(kind, at)]

@@ -4,8 +4,6 @@ from collections.abc import Callable
 from functools import cached_property
 from typing import TYPE_CHECKING, TypeVar, cast
 
-from kbstore import logic
-from kbstore.domain import Domain
 from kbstore.errors import KbStoreError
 from kbstore.evaluation import conditions, expressions
 from kbstore.evaluation.interpretation import Interpretation
@@ -22,34 +20,36 @@ from kbstore.messages import (
     KnowledgeType,
     Truth,
 )
+from kbstore.model import formulas
+from kbstore.model.domain import Domain
+from kbstore.model.results import QueryResult, Run
+from kbstore.model.symbols import SymbolTable
+from kbstore.model.timelines import Identity, Role
 from kbstore.pddl.writer import write_problem
-from kbstore.planning.projection import Mentions, Projection
-from kbstore.reading.items import ItemReader
-from kbstore.reading.pictures import Picture
+from kbstore.planning.simulator import Mentions, Simulator
+from kbstore.reading.item_factory import ItemFactory
 from kbstore.reading.questions import Question, as_condition, as_expression, as_item
-from kbstore.record import QueryResult, Run
-from kbstore.storage.repository import Moment
-from kbstore.timelines import Identity, Role
-from kbstore.vocabulary import Vocabulary
+from kbstore.reading.state_cache import StateData
+from kbstore.storage.repository import LogPosition
 
 if TYPE_CHECKING:
-    from kbstore.record import Explanation
+    from kbstore.model.results import Explanation
 
 _Kind = TypeVar("_Kind")
 
 
-def value_in(world: Interpretation, expression: logic.Expression) -> float:
+def value_in(world: Interpretation, expression: formulas.NumericExpression) -> float:
     """The value of an expression, after its symbols have been checked (rules V5, V8)."""
-    conditions.check(logic.Comparison(ComparisonType.EQUALS, expression, expression), world.domain)
+    conditions.check(formulas.Comparison(ComparisonType.EQUALS, expression, expression), world.domain)
     return expressions.evaluate(expression, world)
 
 
-def _asked(question: Question, vocabulary: Vocabulary) -> KnowledgeItem | Condition:
+def _asked(question: Question, symbol_table: SymbolTable) -> KnowledgeItem | Condition:
     """What was asked, as an item, or as a condition where no item can carry it."""
     if isinstance(question, Condition):
         return question
     try:
-        return as_item(question, vocabulary)
+        return as_item(question, symbol_table)
     except KbStoreError:
         return Condition(text=str(question))
 
@@ -65,11 +65,11 @@ class State:
 
     def __init__(
         self,
-        picture: Picture,
+        picture: StateData,
         *,
-        belief: Moment | None,
+        belief: LogPosition | None,
         name: str,
-        vocabulary: Vocabulary,
+        symbol_table: SymbolTable,
         mentions: Mentions,
         explainer: "Callable[[State, Question], Explanation]",
     ) -> None:
@@ -81,17 +81,17 @@ class State:
         self.name = name
         self._pending = picture.pending
         self._running = picture.running
-        self._vocabulary = vocabulary
+        self._symbols = symbol_table
         self._mentions = mentions
         self._explainer = explainer
-        self._reader = ItemReader(vocabulary)
+        self._reader = ItemFactory(symbol_table)
 
     # -- what stands ------------------------------------------------------------------------------------------
 
     @property
     def domain(self) -> Domain | None:
         """The domain at that time."""
-        return self._vocabulary.domain
+        return self._symbols.domain
 
     @property
     def use_unknowns(self) -> bool:
@@ -173,7 +173,7 @@ class State:
 
     def truth(self, question: Question) -> Truth:
         """The truth value of a fact or condition: TRUE, FALSE or UNKNOWN (rules V2 to V9)."""
-        condition = as_condition(question, self._vocabulary)
+        condition = as_condition(question, self._symbols)
         return conditions.truth(condition, self.snapshot)
 
     def holds(self, question: Question) -> bool:
@@ -185,7 +185,7 @@ class State:
 
         Raises `UndefinedFunction` or `DivisionByZero` where it has none.
         """
-        return value_in(self.snapshot, as_expression(question, self._vocabulary))
+        return value_in(self.snapshot, as_expression(question, self._symbols))
 
     def explain(self, question: Question) -> "Explanation":
         """Why a fact or condition is true, false or unknown, and the transaction that made it so."""
@@ -194,7 +194,7 @@ class State:
     def query(self, *items: Question) -> QueryResult:
         """The original's query: whether each item is true; unknown counts as not true."""
         results = [self.holds(item) for item in items]
-        false = [_asked(item, self._vocabulary) for item, result in zip(items, results, strict=True) if not result]
+        false = [_asked(item, self._symbols) for item, result in zip(items, results, strict=True) if not result]
         return QueryResult(all(results), results, false)
 
     # -- planning ---------------------------------------------------------------------------------------------
@@ -214,9 +214,9 @@ class State:
             last[event.time, event.timeline.identity] = (event.time, item, event.run)
         return list(last.values())
 
-    def projection(self) -> Projection:
+    def projection(self) -> Simulator:
         """The state, to be played forward."""
-        return Projection(
+        return Simulator(
             self.at,
             self.snapshot.rows,
             [row for row in self._pending if row[1] > self.at],

@@ -4,11 +4,11 @@ import time as _time
 from collections.abc import Iterator
 from dataclasses import replace
 
+from kbstore.model.results import Assertion, Change, Transaction
+from kbstore.model.symbols import SymbolTable
 from kbstore.reading.history import History, matches
 from kbstore.reading.reader import Reader
-from kbstore.record import Assertion, Change, Transaction
-from kbstore.storage.repository import Moment, Repository
-from kbstore.vocabulary import Vocabulary
+from kbstore.storage.repository import LogPosition, Repository
 
 
 class Watch:
@@ -32,10 +32,10 @@ class Watch:
         while True:
             with self._reader.repository() as repository:
                 found, seen = self._next(repository, last, seen)
-                vocabulary = self._vocabulary(repository)
+                symbol_table = self._symbols(repository)
             for change in found:
                 last = change.transaction
-                wanted = change if self._pattern is None else self._matching(change, vocabulary)
+                wanted = change if self._pattern is None else self._matching(change, symbol_table)
                 if wanted is not None:
                     yield wanted
             if found:
@@ -79,14 +79,14 @@ class Watch:
             return []
         return self._history.clock_changes(repository, repository.head(), last, seen, upto)
 
-    def _vocabulary(self, repository: Repository) -> Vocabulary:
+    def _symbols(self, repository: Repository) -> SymbolTable:
         head = repository.head()
-        return self._reader.vocabulary(repository, head, Moment(self._reader.now(head)))
+        return self._reader.symbol_table(repository, head, LogPosition(self._reader.now(head)))
 
-    def _matching(self, change: Change, vocabulary: Vocabulary) -> Change | None:
+    def _matching(self, change: Change, symbol_table: SymbolTable) -> Change | None:
         def kept(assertions: list[Assertion]) -> list[Assertion]:
             state = [found for found in assertions if not found.is_goal]
-            return [found for found in state if matches(self._pattern, found.item, vocabulary)]
+            return [found for found in state if matches(self._pattern, found.item, symbol_table)]
 
         asserted, ended, cancelled = kept(change.asserted), kept(change.ended), kept(change.cancelled)
         if not (asserted or ended or cancelled):

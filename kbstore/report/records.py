@@ -8,12 +8,12 @@ from rich.tree import Tree
 
 from kbstore.evaluation.intervals import Intervals
 from kbstore.messages import Condition, KnowledgeItem, format_number
-from kbstore.record import Applicability, Assertion, Change, Diff, Explanation, Transaction
-from kbstore.report.moments import Moments, span
+from kbstore.model.results import Applicability, Assertion, Change, Diff, Explanation, Transaction
 from kbstore.report.tables import DIM, FALSE, TITLE, plural, printable, table
+from kbstore.report.time_format import TimeFormat, span
 
 
-def history_table(assertions: Sequence[Assertion], moments: Moments) -> RenderableType:
+def history_table(assertions: Sequence[Assertion], moments: TimeFormat) -> RenderableType:
     """Assertions in order of time: from when to when they stood, who said so, and who ended or cancelled it."""
     rows = [
         (
@@ -29,21 +29,21 @@ def history_table(assertions: Sequence[Assertion], moments: Moments) -> Renderab
     return table("", ("knowledge", "from", "until", ">for", "recorded", "ended or cancelled"), rows)
 
 
-def outcome(found: Assertion, moments: Moments) -> str:
+def outcome(found: Assertion, moments: TimeFormat) -> str:
     """Which transaction ended an assertion, or cancelled it before it took effect."""
     if found.cancelled is not None:
         return by(found.cancelled, moments)
     return "" if found.ended is None else by(found.ended, moments, found.end_time)
 
 
-def by(transaction: Transaction, moments: Moments, beside: int | None = None) -> str:
+def by(transaction: Transaction, moments: TimeFormat, beside: int | None = None) -> str:
     """A transaction in a few words: its number, its client, its time (unless that stands `beside` it)."""
     client = f" by {printable(transaction.client)}" if transaction.client else ""
     time = "" if transaction.time == beside else f" at {moments.absolute(transaction.time)}"
     return f"#{transaction.number}{client}{time}"
 
 
-def log_table(transactions: Iterable[Transaction], moments: Moments) -> RenderableType:
+def log_table(transactions: Iterable[Transaction], moments: TimeFormat) -> RenderableType:
     """Transactions, one a line."""
     rows = [
         (f"#{tx.number}", moments.absolute(tx.time), printable(tx.client), printable(tx.note), str(tx.changes))
@@ -52,7 +52,7 @@ def log_table(transactions: Iterable[Transaction], moments: Moments) -> Renderab
     return table("", (">", "time", "client", "note", ">changes"), rows)
 
 
-def change_view(change: Change, moments: Moments) -> RenderableType:
+def change_view(change: Change, moments: TimeFormat) -> RenderableType:
     """What one transaction did, or what took effect by the clock: ``+`` asserted, ``-`` ended, ``x`` cancelled."""
     if change.time != change.transaction.time:
         title = Text(f"{moments.absolute(change.time)} by the clock", TITLE)
@@ -91,7 +91,7 @@ def diff_view(diff: Diff) -> RenderableType:
     return table("", ("what", "knowledge"), rows) if rows else Text("no difference")
 
 
-def intervals_table(found: Intervals, moments: Moments) -> RenderableType:
+def intervals_table(found: Intervals, moments: TimeFormat) -> RenderableType:
     """The intervals in which a condition is true, and how long altogether."""
     if not found:
         return Text("never true in that span")
@@ -100,7 +100,7 @@ def intervals_table(found: Intervals, moments: Moments) -> RenderableType:
     return Group(table("", ("from", "until", ">for"), rows), total)
 
 
-def explanation_tree(explanation: Explanation, moments: Moments) -> RenderableType:
+def explanation_tree(explanation: Explanation, moments: TimeFormat) -> RenderableType:
     """An explanation with the parts that decide it below."""
     root = Tree(_explanation_line(explanation, moments))
     waiting = [(root, part) for part in reversed(explanation.parts)]
@@ -111,7 +111,7 @@ def explanation_tree(explanation: Explanation, moments: Moments) -> RenderableTy
     return root
 
 
-def _explanation_line(explanation: Explanation, moments: Moments) -> Text:
+def _explanation_line(explanation: Explanation, moments: TimeFormat) -> Text:
     line = Text(f"{explanation.subject} is {explanation.truth}: ")
     if [part.reason for part in explanation.parts] == [explanation.reason]:
         return line.append("because", TITLE)
@@ -125,7 +125,7 @@ def _explanation_line(explanation: Explanation, moments: Moments) -> Text:
     return line
 
 
-def applicability_view(action: str, answer: Applicability, moments: Moments) -> RenderableType:
+def applicability_view(action: str, answer: Applicability, moments: TimeFormat) -> RenderableType:
     """Whether an action can be applied, and what stands against it."""
     if answer:
         return Text(f"{action} is applicable")

@@ -7,14 +7,14 @@ from rich.console import RenderableType
 from rich.text import Text
 
 from kbstore.messages import Condition, Fact, KnowledgeItem, Truth, format_number
+from kbstore.model.results import Run
 from kbstore.names import key
 from kbstore.reading.state import State
-from kbstore.record import Run
-from kbstore.report.moments import Moments, span
 from kbstore.report.tables import DIM, FALSE, NUMBER, SCHEDULED, sections, table
+from kbstore.report.time_format import TimeFormat, span
 
 
-def state_view(state: State, moments: Moments) -> RenderableType:
+def state_view(state: State, moments: TimeFormat) -> RenderableType:
     """All of a state, in sections; those that would be empty are left out. What is "ago" is so as of its time."""
     moments, asked = replace(moments, now=state.at), moments
     return sections(
@@ -30,7 +30,7 @@ def state_view(state: State, moments: Moments) -> RenderableType:
     )
 
 
-def heading(state: State, moments: Moments) -> RenderableType:
+def heading(state: State, moments: TimeFormat) -> RenderableType:
     """Whose state, at what time, and as believed when."""
     text = Text(state.name, "bold")
     text.append(f" at {moments.absolute(state.at)}", "not bold")
@@ -50,7 +50,7 @@ def objects(state: State) -> RenderableType | None:
     return table("Objects", ("type", "names"), rows) if rows else None
 
 
-def facts(found: list[Fact], moments: Moments) -> RenderableType | None:
+def facts(found: list[Fact], moments: TimeFormat) -> RenderableType | None:
     """Facts of both signs by predicate, with since when they stand."""
     rows = [
         (
@@ -63,7 +63,7 @@ def facts(found: list[Fact], moments: Moments) -> RenderableType | None:
     return table("Facts", ("fact", "since", ""), rows) if rows else None
 
 
-def numbers(state: State, moments: Moments) -> RenderableType | None:
+def numbers(state: State, moments: TimeFormat) -> RenderableType | None:
     """The numeric functions with their values at the time, and how fast they change."""
     rows = [
         (
@@ -78,7 +78,7 @@ def numbers(state: State, moments: Moments) -> RenderableType | None:
     return table("Numbers", ("function", ">value", "changes", "since", ""), rows) if rows else None
 
 
-def running(runs: list[Run], moments: Moments, at: int) -> RenderableType | None:
+def running(runs: list[Run], moments: TimeFormat, at: int) -> RenderableType | None:
     """The actions that run, and when their ends are expected."""
     rows = [
         (
@@ -92,7 +92,7 @@ def running(runs: list[Run], moments: Moments, at: int) -> RenderableType | None
     return table("Running", ("action", "started", "so far", "expected end"), rows) if rows else None
 
 
-def scheduled(state: State, moments: Moments) -> RenderableType | None:
+def scheduled(state: State, moments: TimeFormat) -> RenderableType | None:
     """Timed-initial knowledge that takes effect after the time."""
     rows = [
         (Text(str(item), SCHEDULED), moments.absolute(item.initial_time), moments.relative(item.initial_time))
@@ -101,13 +101,13 @@ def scheduled(state: State, moments: Moments) -> RenderableType | None:
     return table("Scheduled", ("knowledge", "takes effect", ""), rows) if rows else None
 
 
-def statements(state: State, moments: Moments) -> RenderableType | None:
+def statements(state: State, moments: TimeFormat) -> RenderableType | None:
     """Recorded inequalities."""
     rows = [(str(item), moments.absolute(item.initial_time)) for item in state.inequalities]
     return table("Recorded inequalities", ("inequality", "since"), rows) if rows else None
 
 
-def goals(state: State, moments: Moments) -> RenderableType | None:
+def goals(state: State, moments: TimeFormat) -> RenderableType | None:
     """The parts of the goal, each with whether it is reached."""
     rows = [(str(goal), reached(state, goal), moments.absolute(goal.initial_time)) for goal in state.goals]
     return table("Goals", ("goal", "reached", "wanted since"), rows) if rows else None

@@ -11,8 +11,7 @@ from typing import Any
 from kbstore.clock import isoformat
 from kbstore.evaluation.intervals import Intervals
 from kbstore.messages import Condition, Expression, Fact, Function, Inequality, Instance
-from kbstore.reading.state import State
-from kbstore.record import (
+from kbstore.model.results import (
     Applicability,
     Assertion,
     Change,
@@ -22,6 +21,7 @@ from kbstore.record import (
     Run,
     Transaction,
 )
+from kbstore.reading.state import State
 
 Value = dict[str, Any]
 

@@ -21,8 +21,8 @@ from sqlalchemy.pool import SingletonThreadPool, StaticPool
 
 from kbstore.errors import StoreUnavailable
 from kbstore.storage import forks
+from kbstore.storage.connection import AnswerCache, Parameters, SqlRow, StoreConnection, unavailable
 from kbstore.storage.engine import BUSY_TIMEOUT, make_engine, refuse_others
-from kbstore.storage.session import Memory, Parameters, Row, Session, unavailable
 from kbstore.storage.statements import Statement
 
 
@@ -58,9 +58,9 @@ class Database:
         # as its connections tell
         self._is_in_memory = False
         self._is_closed = False
-        self._shared: Session | None = None
+        self._shared: StoreConnection | None = None
         self._local = threading.local()
-        self._sessions: dict[int, tuple[threading.Thread, Session]] = {}
+        self._sessions: dict[int, tuple[threading.Thread, StoreConnection]] = {}
         self._opening = threading.RLock()
         """Held where sessions come and go."""
         self._held: list[Any] = []
@@ -70,7 +70,7 @@ class Database:
     # -- transactions -----------------------------------------------------------------------------------------
 
     @contextmanager
-    def reading(self) -> Iterator[Session]:
+    def reading(self) -> Iterator[StoreConnection]:
         """A session on one snapshot of the store; within a transaction of this thread, that transaction's."""
         with self.asking() as session, self.translating():
             if session.in_transaction:
@@ -83,7 +83,7 @@ class Database:
                 session.rollback()
 
     @contextmanager
-    def writing(self) -> Iterator[Session]:
+    def writing(self) -> Iterator[StoreConnection]:
         """A session with a write transaction: committed at the end, rolled back after an exception."""
         with self.asking() as session:
             session.begin(write=True)
@@ -95,7 +95,7 @@ class Database:
                 session.rollback()
                 raise
 
-    def _refuse_moved(self, session: Session) -> None:
+    def _refuse_moved(self, session: StoreConnection) -> None:
         """Raise where what is written would go to a file that nobody finds any more; SQLite would not notice."""
         if session.has_moved():
             raise self._moved()
@@ -110,14 +110,16 @@ class Database:
         """This thread's session for single statements, each on the latest commit."""
         return _Asking(self)
 
-    def first(self, statement: Statement, parameters: Parameters) -> Row | None:
+    def first(self, statement: Statement, parameters: Parameters) -> SqlRow | None:
         """The first row of one statement on its own."""
         with self.asking() as session:
             return session.first(statement, parameters)
 
-    def recall(self) -> Memory | None:
+    def recall(self) -> AnswerCache | None:
         """What this thread's session remembers, if it can be told at once that nobody has committed since."""
-        session: Session | None = self._shared if self._has_one_connection else getattr(self._local, "session", None)
+        session: StoreConnection | None = (
+            self._shared if self._has_one_connection else getattr(self._local, "session", None)
+        )
         if session is None or self._is_closed or self._is_forking or not session.lock.acquire(blocking=False):
             return None
         try:
@@ -129,10 +131,10 @@ class Database:
 
     # -- sessions ---------------------------------------------------------------------------------------------
 
-    def take(self) -> Session:
+    def take(self) -> StoreConnection:
         """This thread's session, opened where there is none; to be given back."""
         while True:
-            session: Session | None = (
+            session: StoreConnection | None = (
                 self._shared if self._has_one_connection else getattr(self._local, "session", None)
             )
             if session is None or self._is_closed:
@@ -153,7 +155,7 @@ class Database:
                 return session
             self.give_back(session)
 
-    def give_back(self, session: Session) -> None:
+    def give_back(self, session: StoreConnection) -> None:
         """Done with a session; one that is lost, or of a store that was closed meanwhile, is dropped."""
         session.uses -= 1
         if session.is_lost and not session.uses:
@@ -163,7 +165,7 @@ class Database:
             # not before: who closes at that very moment would find it locked, and leave it open
             self._drop_unused(session)
 
-    def _drop_unused(self, session: Session) -> bool:
+    def _drop_unused(self, session: StoreConnection) -> bool:
         """Drop a session that nobody uses; False if somebody does, who is to do so when done."""
         if not session.lock.acquire(blocking=False):
             return False
@@ -175,7 +177,7 @@ class Database:
         finally:
             session.lock.release()
 
-    def _open(self) -> Session:
+    def _open(self) -> StoreConnection:
         """Connect."""
         with self._opening:
             if self._is_closed:
@@ -187,7 +189,7 @@ class Database:
             with self.translating():
                 connection = self.engine.connect().execution_options(isolation_level="AUTOCOMMIT")
             path, is_alone = os.path.abspath(self.engine.url.database or ""), self._is_private_memory()
-            session = Session(connection, self._name(), self._busy_timeout, path=path, is_alone=is_alone)
+            session = StoreConnection(connection, self._name(), self._busy_timeout, path=path, is_alone=is_alone)
             try:
                 session.configure(self._settings(), restore=not self._owns_engine)
                 self._refuse_another_file(session)
@@ -205,7 +207,7 @@ class Database:
                 self._sessions[threading.get_ident()] = (threading.current_thread(), session)
             return session
 
-    def _refuse_another_file(self, session: Session) -> None:
+    def _refuse_another_file(self, session: StoreConnection) -> None:
         """Raise where another store has taken the file's place: what is known of the first is not true of it."""
         if self._file is None:
             self._file = session.file
@@ -262,7 +264,7 @@ class Database:
             if not thread.is_alive():
                 self._drop(session)
 
-    def _drop(self, session: Session) -> None:
+    def _drop(self, session: StoreConnection) -> None:
         with self._opening:
             if self._shared is session:
                 self._shared = None
@@ -287,7 +289,7 @@ class Database:
         if self._owns_engine and all(dropped):
             self.engine.dispose()
 
-    def _open_sessions(self) -> list[Session]:
+    def _open_sessions(self) -> list[StoreConnection]:
         sessions = [session for _, session in self._sessions.values()]
         return sessions if self._shared is None else [*sessions, self._shared]
 
@@ -368,7 +370,7 @@ class _Asking:
     def __init__(self, database: Database) -> None:
         self._database = database
 
-    def __enter__(self) -> Session:
+    def __enter__(self) -> StoreConnection:
         self._session = session = self._database.take()
         return session
 

@@ -6,8 +6,8 @@ read by the same statements with each table's own columns; `for_kind` has them b
 
 from kbstore.clock import OPEN
 from kbstore.messages import KnowledgeType
+from kbstore.model.timelines import EndCause
 from kbstore.storage.statements import Insertion, Lookup, Statement
-from kbstore.timelines import EndCause
 
 # -- knowledge bases and transactions -------------------------------------------------------------------------
 

@@ -6,12 +6,12 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 from kbstore.messages import KnowledgeType
+from kbstore.model.timelines import Role, Timeline, Value, stored_key
 from kbstore.storage import queries
+from kbstore.storage.connection import SqlRow, StoreConnection
 from kbstore.storage.interval_tree import path, ranges
-from kbstore.storage.session import Row, Session
-from kbstore.timelines import Role, Timeline, Value, stored_key
 
-Standing = tuple[Timeline, int, Value]
+StateRow = tuple[Timeline, int, Value]
 """An assertion that stands, or is pending: its timeline, since when (or from when), and what."""
 
 _CACHED_TIMELINES = 200_000
@@ -27,7 +27,7 @@ class Head(NamedTuple):
     last_run: int
 
 
-class Moment(NamedTuple):
+class LogPosition(NamedTuple):
     """A place in the record: a time, or exactly after a transaction (`number`) of that time.
 
     `latest` is the last transaction of that time.
@@ -38,7 +38,7 @@ class Moment(NamedTuple):
     latest: int | None = None
 
 
-class Stored(NamedTuple):
+class StoredAssertion(NamedTuple):
     """A stored assertion as a writer needs it."""
 
     id: int
@@ -48,7 +48,7 @@ class Stored(NamedTuple):
     value: Value
 
 
-class Recorded(NamedTuple):
+class RecordedAssertion(NamedTuple):
     """A stored assertion as history needs it."""
 
     timeline: Timeline
@@ -102,11 +102,11 @@ class TimelineCache:
 class Repository:
     """One knowledge base, read and written on one session."""
 
-    def __init__(self, session: Session, kb: int, cache: TimelineCache) -> None:
+    def __init__(self, session: StoreConnection, kb: int, cache: TimelineCache) -> None:
         self._session = session
         self._kb = kb
         self._cache = cache
-        self._places: dict[Moment, dict[str, Any]] = {}
+        self._places: dict[LogPosition, dict[str, Any]] = {}
 
     # -- the record -------------------------------------------------------------------------------------------
 
@@ -116,12 +116,12 @@ class Repository:
         assert row is not None
         return Head(*row)
 
-    def transactions(self, numbers: Iterable[int]) -> list[Row]:
+    def transactions(self, numbers: Iterable[int]) -> list[SqlRow]:
         """The rows of some transactions: number, time, changes, client, note."""
         wanted = self._session.array(sorted(set(numbers)))
         return self._session.all(queries.transactions_numbered, {"kb": self._kb, "numbers": wanted})
 
-    def transactions_between(self, after: int, upto: int) -> list[Row]:
+    def transactions_between(self, after: int, upto: int) -> list[SqlRow]:
         """The rows of the transactions after a number and up to another, in order."""
         return self._session.all(queries.transactions_between, {"kb": self._kb, "after": after, "upto": upto})
 
@@ -130,16 +130,16 @@ class Repository:
         row = self._session.first(queries.first_transaction_from, {"kb": self._kb, "time": time})
         return None if row is None else int(row[0])
 
-    def after_transaction(self, number: int, time: int) -> Moment:
+    def after_transaction(self, number: int, time: int) -> LogPosition:
         """The place in the record exactly after a transaction."""
         row = self._session.first(queries.last_transaction_at, {"kb": self._kb, "number": number, "time": time})
-        return Moment(time, number, number if row is None else row[0])
+        return LogPosition(time, number, number if row is None else row[0])
 
-    def domain_versions(self, after: int = 0) -> list[Row]:
+    def domain_versions(self, after: int = 0) -> list[SqlRow]:
         """Version, time, transaction, source and sensed names of the domain's versions after one."""
         return self._session.all(queries.domain_versions, {"kb": self._kb, "after": after})
 
-    def symbols(self) -> list[Row]:
+    def symbols(self) -> list[SqlRow]:
         """The shapes that a knowledge base without a domain keeps: type, key, name, arity, labels."""
         return self._session.all(queries.symbols, {"kb": self._kb})
 
@@ -179,7 +179,7 @@ class Repository:
             else:
                 found[key] = timeline
         parameters = {"kb": self._kb, "role": int(role), "kind": int(kind)}
-        rows: list[Row] = []
+        rows: list[SqlRow] = []
         if len(missing) == 1:
             row = self._session.first(queries.timeline_by_key, parameters | {"key": stored_key(missing[0])})
             rows = [] if row is None else [row]
@@ -214,7 +214,7 @@ class Repository:
         unique = {row[0]: row for row in self._session.all(queries.timelines_mentioning, parameters)}
         return [self._remember(row) for row in unique.values()]
 
-    def _remember(self, row: Row) -> Timeline:
+    def _remember(self, row: SqlRow) -> Timeline:
         timeline = self._cache.by_id.get(row[0])
         if timeline is None:
             id, role, kind, key, spelling = row
@@ -224,28 +224,28 @@ class Repository:
 
     # -- what stands ------------------------------------------------------------------------------------------
 
-    def standing(self, kind: KnowledgeType, moment: Moment) -> list[Standing]:
+    def state_at(self, kind: KnowledgeType, position: LogPosition) -> list[StateRow]:
         """The assertions of a knowledge type that stand at a place in the record."""
         if not self._present[kind].anything:
             return []
         statements = queries.for_kind[kind]
-        statement = statements.standing if moment.number is None else statements.standing_as_of
-        return self._standing(kind, self._session.all(statement, self._place(moment)))
+        statement = statements.standing if position.number is None else statements.standing_as_of
+        return self._standing(kind, self._session.all(statement, self._place(position)))
 
-    def point(self, timeline: Timeline, t: int) -> Standing | None:
+    def value_at(self, timeline: Timeline, t: int) -> StateRow | None:
         """The assertion that stands on one timeline at a time."""
         row = self._session.look_up(queries.for_kind[timeline.kind].point, self._kb, timeline.id, t)
         if row is None or row[4] is None or row[4] <= t:
             return None
         return timeline, row[5], row[6:]
 
-    def pending(self, kind: KnowledgeType, moment: Moment) -> list[Standing]:
+    def scheduled_at(self, kind: KnowledgeType, position: LogPosition) -> list[StateRow]:
         """What was scheduled at a place in the record, and takes effect after it."""
         if not self._present[kind].scheduled:
             return []
         statements = queries.for_kind[kind]
-        statement = statements.pending if moment.number is None else statements.pending_as_of
-        return self._standing(kind, self._session.all(statement, self._path(moment)))
+        statement = statements.pending if position.number is None else statements.pending_as_of
+        return self._standing(kind, self._session.all(statement, self._path(position)))
 
     @cached_property
     def _present(self) -> dict[KnowledgeType, Present]:
@@ -255,43 +255,43 @@ class Repository:
         flags = iter(row)
         return {kind: Present(next(flags), next(flags)) for kind in queries.for_kind}
 
-    def _place(self, moment: Moment) -> dict[str, Any]:
+    def _place(self, position: LogPosition) -> dict[str, Any]:
         """The parameters that say a place in the record; the same for each of the tables."""
-        known = self._places.get(moment)
+        known = self._places.get(position)
         if known is not None:
             return known
-        begins, ends = ranges(moment.time)
+        begins, ends = ranges(position.time)
         bounds = self._session.bounds
         place: dict[str, Any] = {
             "kb": self._kb,
-            "t": moment.time,
+            "t": position.time,
             "begins": bounds(begins),
             "ends": bounds(ends),
         }
-        if moment.number is not None:
-            place |= {"number": moment.number, "latest": moment.latest}
-        self._places[moment] = place
+        if position.number is not None:
+            place |= {"number": position.number, "latest": position.latest}
+        self._places[position] = place
         return place
 
-    def _path(self, moment: Moment) -> dict[str, Any]:
+    def _path(self, position: LogPosition) -> dict[str, Any]:
         """The same for what is kept by the nodes themselves."""
-        place = self._place(moment)
+        place = self._place(position)
         if "path" not in place:
-            place["path"] = self._session.bounds(path(moment.time))
+            place["path"] = self._session.bounds(path(position.time))
         return place
 
-    def _standing(self, kind: KnowledgeType, rows: list[Row]) -> list[Standing]:
+    def _standing(self, kind: KnowledgeType, rows: list[SqlRow]) -> list[StateRow]:
         try:
             return _with_timelines(kind, rows, self._cache.by_id)
         except KeyError:
             return _with_timelines(kind, rows, self.timelines([row[0] for row in rows]))
 
-    def live(self, kind: KnowledgeType, ids: Sequence[int], t: int) -> dict[int, list[Stored]]:
+    def rows_for_update(self, kind: KnowledgeType, ids: Sequence[int], t: int) -> dict[int, list[StoredAssertion]]:
         """For each timeline the latest row that begins no later than `t`, and those ahead of it, in order."""
         parameters = {"kb": self._kb, "ids": self._session.array(ids), "t": t}
-        found: dict[int, list[Stored]] = defaultdict(list)
+        found: dict[int, list[StoredAssertion]] = defaultdict(list)
         for row in self._session.all(queries.for_kind[kind].live, parameters):
-            found[row[1]].append(Stored(row[0], row[2], row[3], row[4], row[5:]))
+            found[row[1]].append(StoredAssertion(row[0], row[2], row[3], row[4], row[5:]))
         for rows in found.values():
             rows.sort(key=lambda stored: stored.initial_time)
         return found
@@ -301,10 +301,10 @@ class Repository:
         rows = self._session.all(queries.for_kind[KnowledgeType.INSTANCE].ahead, {"kb": self._kb, "t": t})
         return {row[0] for row in rows}
 
-    def running(self, moment: Moment) -> list[RunRow]:
+    def running(self, position: LogPosition) -> list[RunRow]:
         """The durative actions that run at a place in the record, in the order in which they were started."""
-        statement = queries.running if moment.number is None else queries.running_as_of
-        rows = sorted(self._session.all(statement, self._path(moment)))
+        statement = queries.running if position.number is None else queries.running_as_of
+        rows = sorted(self._session.all(statement, self._path(position)))
         if not rows:
             return []
         parameters = {"kb": self._kb, "numbers": self._session.array([row[0] for row in rows])}
@@ -327,7 +327,9 @@ class Repository:
 
     # -- history ----------------------------------------------------------------------------------------------
 
-    def history(self, kind: KnowledgeType, timelines: Sequence[Timeline], first: int, until: int) -> list[Recorded]:
+    def history(
+        self, kind: KnowledgeType, timelines: Sequence[Timeline], first: int, until: int
+    ) -> list[RecordedAssertion]:
         """The rows of some timelines that begin in ``[first, until)``, also cancelled ones and those of no length."""
         ids = self._session.array([timeline.id for timeline in timelines])
         parameters = {"kb": self._kb, "ids": ids, "first": first, "until": until}
@@ -339,32 +341,34 @@ class Repository:
         row = self._session.first(queries.for_kind[timeline.kind].latest_start, parameters)
         return 0 if row is None else int(row[0])
 
-    def touched(self, after: int, upto: int) -> tuple[list[Recorded], list[Recorded], list[Recorded]]:
+    def changes_between(
+        self, after: int, upto: int
+    ) -> tuple[list[RecordedAssertion], list[RecordedAssertion], list[RecordedAssertion]]:
         """What the transactions after a number and up to another recorded, ended and cancelled."""
         parameters = {"kb": self._kb, "after": after, "upto": upto}
-        recorded: list[Recorded] = []
-        ended: list[Recorded] = []
-        cancelled: list[Recorded] = []
+        recorded: list[RecordedAssertion] = []
+        ended: list[RecordedAssertion] = []
+        cancelled: list[RecordedAssertion] = []
         for statements in queries.for_kind.values():
             recorded += self._recorded(self._session.all(statements.recorded, parameters))
             ended += self._recorded(self._session.all(statements.ended, parameters))
             cancelled += self._recorded(self._session.all(statements.cancelled, parameters))
         return recorded, ended, cancelled
 
-    def due(self, after: int, upto: int) -> list[Recorded]:
+    def due_between(self, after: int, upto: int) -> list[RecordedAssertion]:
         """What was scheduled, and took effect by the clock alone after a time and up to another."""
         parameters = {"kb": self._kb, "after": after, "upto": upto}
-        found: list[Recorded] = []
+        found: list[RecordedAssertion] = []
         for statements in queries.for_kind.values():
             found += self._recorded(self._session.all(statements.due, parameters))
         return found
 
-    def _recorded(self, rows: list[Row]) -> list[Recorded]:
+    def _recorded(self, rows: list[SqlRow]) -> list[RecordedAssertion]:
         timelines = self.timelines([row[0] for row in rows])
-        return [Recorded._make((timelines[row[0]], *row[1:7], row[7:])) for row in rows]
+        return [RecordedAssertion._make((timelines[row[0]], *row[1:7], row[7:])) for row in rows]
 
 
-def _with_timelines(kind: KnowledgeType, rows: list[Row], timelines: Mapping[int, Timeline]) -> list[Standing]:
+def _with_timelines(kind: KnowledgeType, rows: list[SqlRow], timelines: Mapping[int, Timeline]) -> list[StateRow]:
     if kind is KnowledgeType.FACT:
         # a state is made of facts, most of all
         return [(timelines[id], t, (sign,)) for id, t, sign in rows]

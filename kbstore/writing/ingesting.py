@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from itertools import islice
 
 from kbstore.errors import InvalidKnowledge, KbStoreError
-from kbstore.record import Transaction
-from kbstore.writing.transaction import OpenTransaction
+from kbstore.model.results import Transaction
+from kbstore.writing.unit_of_work import OpenTransaction
 
 BATCH = 10_000
 """How many items one transaction takes, unless told otherwise."""

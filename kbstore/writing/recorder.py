@@ -3,18 +3,18 @@
 from collections.abc import Sequence
 from typing import Any
 
+from kbstore.model.timelines import Timeline, Value, stored_key
 from kbstore.storage import queries
+from kbstore.storage.connection import StoreConnection
 from kbstore.storage.interval_tree import level, node
 from kbstore.storage.repository import Head
-from kbstore.storage.session import Session
-from kbstore.timelines import Timeline, Value, stored_key
-from kbstore.writing.draft import Track, Writes
+from kbstore.writing.change_set import RowChanges, TimelineState
 
 
 class Recorder:
     """One transaction of a knowledge base, on a session with a write transaction."""
 
-    def __init__(self, session: Session, kb: int, number: int, now: int) -> None:
+    def __init__(self, session: StoreConnection, kb: int, number: int, now: int) -> None:
         self._session = session
         self._kb = kb
         self._number = number
@@ -40,7 +40,7 @@ class Recorder:
             {"kb": self._kb, "kind": kind, "key": key, "name": name, "arity": arity, "labels": " ".join(labels)},
         )
 
-    def write(self, writes: Writes) -> list[Timeline]:
+    def write(self, writes: RowChanges) -> list[Timeline]:
         """Write the rows of a draft: first what ends, then what begins. Returns the timelines that are new."""
         self._number_timelines(writes)
         session, own = self._session, {"kb": self._kb}
@@ -59,14 +59,14 @@ class Recorder:
             session.many(queries.for_kind[kind].add, [self._row(*row) for row in added])
         return [track.timeline for track in writes.timelines]
 
-    def _row(self, track: Track, start: int, end: int, value: Value) -> Sequence[Any]:
+    def _row(self, track: TimelineState, start: int, end: int, value: Value) -> Sequence[Any]:
         """A new row, in the order of the statement that adds it."""
         own = (self._kb, self._number, track.timeline.id, start, end)
         if start <= self._now:
             return (*own, None, level(start, end), None, *value)
         return (*own, self._now, level(start, end), node(self._now, start), *value)
 
-    def _number_timelines(self, writes: Writes) -> None:
+    def _number_timelines(self, writes: RowChanges) -> None:
         count = len(writes.timelines)
         if not count:
             return

@@ -5,10 +5,10 @@ from functools import partial
 
 from kbstore.errors import InvalidKnowledge, KbStoreError, UnknownSymbol
 from kbstore.messages import Condition, Fact, Function, Goal, Inequality, KnowledgeItem, UpdateType
-from kbstore.pddl.forms import condition_of, goals_of
+from kbstore.model.symbols import SymbolTable
+from kbstore.pddl.parse import condition_of, goals_of
 from kbstore.pddl.problem_reader import Problem
 from kbstore.reading.questions import as_condition, as_item
-from kbstore.vocabulary import Vocabulary
 
 GOAL_UPDATES = (UpdateType.ADD_GOAL, UpdateType.REMOVE_GOAL)
 
@@ -29,26 +29,26 @@ def read_update(update: object) -> tuple[UpdateType, object]:
         ) from None
 
 
-def items_of(kind: UpdateType, knowledge: object, vocabulary: Vocabulary) -> Sequence[KnowledgeItem | Condition]:
+def items_of(kind: UpdateType, knowledge: object, symbol_table: SymbolTable) -> Sequence[KnowledgeItem | Condition]:
     """The items that are meant by what was given; of a goal that is a conjunction, its parts (rule C10)."""
-    return _goals(knowledge, vocabulary) if kind in GOAL_UPDATES else [as_item(knowledge, vocabulary)]
+    return _goals(knowledge, symbol_table) if kind in GOAL_UPDATES else [as_item(knowledge, symbol_table)]
 
 
-def _goals(knowledge: object, vocabulary: Vocabulary) -> Sequence[Goal]:
+def _goals(knowledge: object, symbol_table: SymbolTable) -> Sequence[Goal]:
     if isinstance(knowledge, Fact):
         return [knowledge]
     initial_time = 0
     if isinstance(knowledge, Condition):
         initial_time = knowledge.initial_time
     elif not isinstance(knowledge, str):
-        item = as_item(knowledge, vocabulary)
+        item = as_item(knowledge, symbol_table)
         if isinstance(item, Fact | Inequality):
             return [item]
         if not isinstance(item, Function):
             raise InvalidKnowledge(f"{item} is not a goal; a goal is a fact, a negative fact or a condition")
         initial_time = item.initial_time
-        knowledge = condition_of(item, vocabulary.domain)
-    goals = goals_of(as_condition(knowledge, vocabulary), vocabulary.domain)
+        knowledge = condition_of(item, symbol_table.domain)
+    goals = goals_of(as_condition(knowledge, symbol_table), symbol_table.domain)
     return [goal.changed(initial_time=initial_time) for goal in goals] if initial_time else goals
 
 

@@ -6,8 +6,8 @@ import pytest
 from rich.console import Console
 
 from kbstore.clock import SECOND, time
-from kbstore.report.moments import Moments, span
 from kbstore.report.tables import plural, printable, show, table
+from kbstore.report.time_format import TimeFormat, span
 
 HEADINGS = ("fact", "since", "note")
 ROWS = [("(open lab_door)", "2026-05-04T09:04:00Z", "all clear; the lab stays open until 09:15 instead"), ("p", "", "")]
@@ -81,12 +81,12 @@ def test_durations(ns, text):
 )
 def test_relative_times(t, text):
     """Before and after, as exactly as the distance deserves."""
-    assert Moments(time("2026-05-04T12:00:00Z")).relative(time(t)) == text
+    assert TimeFormat(time("2026-05-04T12:00:00Z")).relative(time(t)) == text
 
 
 def test_brief_times_leave_out_the_day_that_is_meant():
     """Another day is written in full."""
-    moments = Moments(time("2026-05-04T12:00:00Z"), brief=True)
+    moments = TimeFormat(time("2026-05-04T12:00:00Z"), brief=True)
     assert moments.absolute(time("2026-05-04T09:02:00.5Z")) == "09:02:00.5"
     assert moments.absolute(time("2026-05-03T09:02:00Z")) == "2026-05-03T09:02:00Z"
     assert moments.absolute(None) == moments.relative(None) == ""

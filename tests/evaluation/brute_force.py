@@ -9,26 +9,26 @@ from fractions import Fraction
 from itertools import product
 from typing import Any
 
-from kbstore.domain import Domain
 from kbstore.evaluation.interpretation import Number
-from kbstore.logic import (
+from kbstore.messages import ComparisonType, Operator, Truth
+from kbstore.model.domain import Domain
+from kbstore.model.formulas import (
     And,
     Atom,
     Comparison,
-    Condition,
     Defined,
     Exists,
-    Expression,
     Forall,
+    Formula,
     Imply,
     IsA,
     Not,
+    NumericExpression,
     Or,
     Preference,
     Same,
     Truism,
 )
-from kbstore.messages import ComparisonType, Operator, Truth
 from tests.evaluation.worlds import World
 
 FALSE, UNKNOWN, TRUE = 0.0, 0.5, 1.0
@@ -41,17 +41,17 @@ class NoValueError(Exception):
     """An expression has no value."""
 
 
-def truth(condition: Condition, world: World, bindings: dict[str, str] | None = None) -> Truth:
+def truth(condition: Formula, world: World, bindings: dict[str, str] | None = None) -> Truth:
     """The truth of a condition."""
     rules = world.domain.rules if world.domain else {}
     table = derived_table(world) if any(name in rules for name, _ in reads(condition, False)) else {}
     return TRUTHS[value(condition, world, bindings or {}, table)]
 
 
-def value(condition: Condition, world: World, known: dict[str, str], table: Table) -> float:
+def value(condition: Formula, world: World, known: dict[str, str], table: Table) -> float:
     """The truth of a condition as a number, derived atoms from a table."""
 
-    def inner(part: Condition) -> float:
+    def inner(part: Formula) -> float:
         return value(part, world, known, table)
 
     match condition:
@@ -162,7 +162,7 @@ def levels(domain: Domain) -> dict[str, int]:
     return level
 
 
-def reads(condition: Condition, negated: bool) -> list[tuple[str, bool]]:
+def reads(condition: Formula, negated: bool) -> list[tuple[str, bool]]:
     match condition:
         case Atom(name):
             return [(name, negated)]
@@ -178,7 +178,7 @@ def reads(condition: Condition, negated: bool) -> list[tuple[str, bool]]:
 
 
 def compared(
-    comparison: ComparisonType, left: Expression, right: Expression, world: World, known: dict[str, str]
+    comparison: ComparisonType, left: NumericExpression, right: NumericExpression, world: World, known: dict[str, str]
 ) -> float:
     """A comparison: exact if anything that it reads moves."""
     try:

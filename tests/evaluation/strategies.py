@@ -5,39 +5,39 @@ from itertools import pairwise
 from hypothesis import strategies as st
 
 from kbstore.clock import SECOND
-from kbstore.domain import DerivedRule, Domain
 from kbstore.evaluation.interpretation import Number
-from kbstore.logic import (
+from kbstore.messages import ComparisonType, Operator
+from kbstore.model.domain import DerivedRule, Domain
+from kbstore.model.formulas import (
     And,
     Atom,
     Comparison,
-    Condition,
     Defined,
     Exists,
-    Expression,
     Forall,
+    Formula,
     Imply,
     IsA,
     Not,
+    NumericExpression,
     Or,
     Parameter,
     Preference,
     Same,
     Truism,
 )
-from kbstore.messages import ComparisonType, Operator
 from tests.evaluation.worlds import History, World, signature, signatures
 
 X, Y, Z = "?x", "?y", "?z"
 ZERO = (0.0,)
 
 
-def exists(declaration: str, part: Condition) -> Exists:
+def exists(declaration: str, part: Formula) -> Exists:
     """``exists("x:place", ...)``."""
     return Exists(parameters(declaration), part)
 
 
-def forall(declaration: str, part: Condition) -> Forall:
+def forall(declaration: str, part: Formula) -> Forall:
     """``forall("x:place y:robot", ...)``."""
     return Forall(parameters(declaration), part)
 
@@ -47,7 +47,7 @@ def parameters(declaration: str) -> tuple[Parameter, ...]:
     return signature(f"p {declaration}").parameters
 
 
-def rule(head: str, condition: Condition) -> DerivedRule:
+def rule(head: str, condition: Formula) -> DerivedRule:
     """A rule for the head ``"reach x:place y:place"``."""
     return DerivedRule(signature(head), condition)
 
@@ -154,7 +154,7 @@ NUMBERS = st.sampled_from([0.0, 1.0, -1.0, 2.0, 0.5, 3.0, 0.1, 1e200])
 
 
 @st.composite
-def expressions(draw: st.DrawFn, scope: tuple[str, ...], depth: int = 3, linear: bool = False) -> Expression:
+def expressions(draw: st.DrawFn, scope: tuple[str, ...], depth: int = 3, linear: bool = False) -> NumericExpression:
     """An expression; if `linear`, one that is linear in all functions."""
     if depth == 0 or draw(st.integers(0, 2)) == 0:
         return (draw(st.one_of(NUMBERS, functions(scope))),)
@@ -170,14 +170,14 @@ def expressions(draw: st.DrawFn, scope: tuple[str, ...], depth: int = 3, linear:
 @st.composite
 def conditions(
     draw: st.DrawFn, scope: tuple[str, ...] = (), depth: int = 4, linear: bool = False, domain: Domain = DOMAIN
-) -> Condition:
+) -> Formula:
     """A condition whose free variables are those in scope."""
 
-    def inner(more: tuple[str, ...] = ()) -> Condition:
-        part: Condition = draw(conditions((*scope, *more), depth - 1, linear, domain))
+    def inner(more: tuple[str, ...] = ()) -> Formula:
+        part: Formula = draw(conditions((*scope, *more), depth - 1, linear, domain))
         return part
 
-    def leaf() -> Condition:
+    def leaf() -> Formula:
         match draw(st.integers(0, 9)):
             case 0:
                 return Same(draw(terms(scope)), draw(terms(scope)))

@@ -7,24 +7,24 @@ from kbstore.clock import SECOND
 from kbstore.errors import InvalidKnowledge, UnknownSymbol
 from kbstore.evaluation.conditions import Evaluation, check, truth
 from kbstore.evaluation.interpretation import Number
-from kbstore.logic import (
+from kbstore.messages import ComparisonType, Operator, SpecialType, Truth
+from kbstore.model.formulas import (
     And,
     Atom,
     Comparison,
-    Condition,
     Defined,
     Exists,
-    Expression,
+    Formula,
     Imply,
     IsA,
     Not,
+    NumericExpression,
     Or,
     Parameter,
     Preference,
     Same,
     Truism,
 )
-from kbstore.messages import ComparisonType, Operator, SpecialType, Truth
 from tests.evaluation import brute_force
 from tests.evaluation.strategies import DOMAIN, FREE_OF_RULES, conditions, exists, forall, worlds
 from tests.evaluation.worlds import World
@@ -47,7 +47,7 @@ def function(text: str) -> Atom:
     return Atom(name, tuple(arguments))
 
 
-def of_truth(value: Truth) -> Condition:
+def of_truth(value: Truth) -> Formula:
     """A condition with a truth value in an open world where free p1 is told, and free p2 denied."""
     return Atom("free", ({T: "p1", F: "p2", U: "d1"}[value],))
 
@@ -60,14 +60,14 @@ OPEN = world("free p1", "not free p2", unknowns=True)
 
 @settings(max_examples=120, deadline=None)
 @given(conditions(), worlds())
-def test_random_conditions_have_the_truth_that_brute_force_finds(condition: Condition, random_world: World) -> None:
+def test_random_conditions_have_the_truth_that_brute_force_finds(condition: Formula, random_world: World) -> None:
     """V2 to V5, V7 to V9, in closed and open worlds, against an evaluator that tries everything."""
     assert truth(condition, random_world) is brute_force.truth(condition, random_world)
 
 
 @settings(max_examples=80, deadline=None)
 @given(conditions(domain=FREE_OF_RULES), worlds(domain=FREE_OF_RULES))
-def test_random_conditions_without_a_domain(condition: Condition, random_world: World) -> None:
+def test_random_conditions_without_a_domain(condition: Formula, random_world: World) -> None:
     """D2: without a domain the same conditions are evaluated on what is told."""
     random_world.domain = None
     assert truth(condition, random_world) is brute_force.truth(condition, random_world)
@@ -308,7 +308,7 @@ def test_v7_without_a_domain_nobody_knows_all_objects() -> None:
         exists("x:robot", And((Atom("stuck", ("?x",)), compare("level ?y", GREATER, 0.0)))),
     ],
 )
-def test_v7_a_wildcard_in_a_comparison_is_refused(condition: Condition) -> None:
+def test_v7_a_wildcard_in_a_comparison_is_refused(condition: Formula) -> None:
     """V7: in a comparison say exists."""
     with pytest.raises(InvalidKnowledge, match="say exists"):
         truth(condition, world())
@@ -360,7 +360,7 @@ def test_is_a_asks_for_the_type_and_its_subtypes() -> None:
         (exists("x:dragon", Truism()), "no type dragon"),
     ],
 )
-def test_v8_unknown_symbols_are_refused_in_every_branch(condition: Condition, sentence: str) -> None:
+def test_v8_unknown_symbols_are_refused_in_every_branch(condition: Formula, sentence: str) -> None:
     """V8: a symbol that the domain does not know is UnknownSymbol, also where evaluation would not come by."""
     for hidden in (condition, Or((Truism(), Not(condition))), forall("z:robot", Imply(Or(()), condition))):
         with pytest.raises(UnknownSymbol, match=sentence):
@@ -368,7 +368,7 @@ def test_v8_unknown_symbols_are_refused_in_every_branch(condition: Condition, se
 
 
 @pytest.mark.parametrize("condition", [Atom("free"), Atom("free", ("p1", "p2")), compare("total r1", GREATER, 0.0)])
-def test_a_wrong_number_of_arguments_is_refused(condition: Condition) -> None:
+def test_a_wrong_number_of_arguments_is_refused(condition: Formula) -> None:
     """D1: the domain says how many arguments there are."""
     with pytest.raises(InvalidKnowledge, match="arguments; expected are"):
         truth(Or((Truism(), condition)), world())
@@ -390,7 +390,7 @@ def test_without_a_domain_every_symbol_is_known() -> None:
         ((float("nan"),), "nan cannot stand in an expression"),
     ],
 )
-def test_meaningless_expressions_are_refused(expression: Expression, sentence: str) -> None:
+def test_meaningless_expressions_are_refused(expression: NumericExpression, sentence: str) -> None:
     """A comparison has numbers on both sides."""
     with pytest.raises(InvalidKnowledge, match=sentence):
         truth(Comparison(EQUALS, (1.0,), expression), world())
@@ -412,7 +412,7 @@ def test_a_variable_declared_twice_is_refused() -> None:
 @pytest.mark.parametrize("depth", [150, 100_000])
 def test_deep_nesting_is_evaluated_or_refused(depth: int) -> None:
     """Conditions nested 150 deep are evaluated in any form; what is far deeper is refused, never a RecursionError."""
-    nested: dict[str, Condition] = {"not": ALARM, "and": ALARM, "exists": ALARM, "imply": ALARM}
+    nested: dict[str, Formula] = {"not": ALARM, "and": ALARM, "exists": ALARM, "imply": ALARM}
     robots = (Parameter("x", ("robot",)),)
     for _ in range(depth):
         nested["not"] = Not(nested["not"])

@@ -3,8 +3,21 @@ from hypothesis import given, settings
 
 from kbstore.errors import UnknownSymbol
 from kbstore.evaluation.conditions import deciding, truth
-from kbstore.logic import And, Atom, Comparison, Condition, Defined, Imply, IsA, Not, Or, Preference, Same, Truism
 from kbstore.messages import ComparisonType, Truth
+from kbstore.model.formulas import (
+    And,
+    Atom,
+    Comparison,
+    Defined,
+    Formula,
+    Imply,
+    IsA,
+    Not,
+    Or,
+    Preference,
+    Same,
+    Truism,
+)
 from tests.evaluation import brute_force
 from tests.evaluation.strategies import DOMAIN, conditions, exists, forall, worlds
 from tests.evaluation.worlds import World
@@ -40,9 +53,7 @@ POOR = Comparison(ComparisonType.LESS, (Atom("level", ("?r",)),), (20.0,))
         (Defined(Atom("level", ("?",))), [(Defined(Atom("level", ("r1",))), T)]),
     ],
 )
-def test_the_first_decisive_part_or_all_that_are_needed(
-    condition: Condition, parts: list[tuple[Condition, Truth]]
-) -> None:
+def test_the_first_decisive_part_or_all_that_are_needed(condition: Formula, parts: list[tuple[Formula, Truth]]) -> None:
     """V6: a false conjunction and a true disjunction are decided by one part, the others by all parts."""
     assert deciding(condition, WORLD) == parts
 
@@ -92,7 +103,7 @@ def test_questions_are_checked_first() -> None:
 
 @settings(max_examples=50, deadline=None)
 @given(conditions(), worlds())
-def test_every_part_has_the_truth_that_it_is_said_to_have(condition: Condition, world: World) -> None:
+def test_every_part_has_the_truth_that_it_is_said_to_have(condition: Formula, world: World) -> None:
     """V6: parts are ground, no connectives, and have the truth that comes with them."""
     parts = deciding(condition, world)
     assert parts

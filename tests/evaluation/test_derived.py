@@ -4,18 +4,19 @@ from itertools import product
 import pytest
 from hypothesis import given, settings
 
-from kbstore.domain import DerivedRule, Domain
 from kbstore.errors import InvalidKnowledge, UnknownSymbol
 from kbstore.evaluation import when
 from kbstore.evaluation.conditions import Evaluation, truth
 from kbstore.evaluation.derived import strata
-from kbstore.logic import (
+from kbstore.messages import ComparisonType, Truth
+from kbstore.model.domain import DerivedRule, Domain
+from kbstore.model.formulas import (
     And,
     Atom,
     Comparison,
-    Condition,
     Exists,
     Forall,
+    Formula,
     Imply,
     Not,
     Or,
@@ -23,7 +24,6 @@ from kbstore.logic import (
     Preference,
     Truism,
 )
-from kbstore.messages import ComparisonType, Truth
 from tests.evaluation import brute_force
 from tests.evaluation.strategies import DOMAIN, RULES, exists, forall, rule, worlds
 from tests.evaluation.worlds import History, World, signatures
@@ -97,8 +97,8 @@ def test_v8_a_wildcard_beside_a_missing_object_matches_no_object_where_there_is_
     wild = Atom("reach", ("?", "ghost"))
     assert truth(wild, graph(REACH, unknowns=True)) is U
     assert truth(wild, World(REACH, use_unknowns=True)) is F
-    course = History((0, 100), REACH, use_unknowns=True, objects={"a": [(10, 30, "node")]})
-    assert when.truths(wild, course) == [(0, 10, F), (10, 30, U), (30, 100, F)]
+    trajectory = History((0, 100), REACH, use_unknowns=True, objects={"a": [(10, 30, "node")]})
+    assert when.truths(wild, trajectory) == [(0, 10, F), (10, 30, U), (30, 100, F)]
 
 
 def test_v8_a_rule_may_name_a_missing_object() -> None:
@@ -116,11 +116,11 @@ def test_v7_a_wildcard_matches_what_exists_only() -> None:
     """V7: objects that exist and are of the parameter's type, in questions, in rules and over time."""
     about = domain(rule("leads x:node", Atom("edge", ("?x", "?"))))
     objects, facts = {"a": "node", "c": "object"}, {"edge a ghost": True, "edge a c": True}
-    world, course = World(about, objects=objects, facts=facts), History((0, 10), about, objects=objects)
-    course.pieces_of_facts = {row: [(0, 10, True)] for row in world.signs}
+    world, trajectory = World(about, objects=objects, facts=facts), History((0, 10), about, objects=objects)
+    trajectory.pieces_of_facts = {row: [(0, 10, True)] for row in world.signs}
     for wild in (Atom("edge", ("a", "?")), Atom("leads", ("a",))):
         assert truth(wild, world) is F
-        assert when.intervals(wild, course) == []
+        assert when.intervals(wild, trajectory) == []
 
 
 def test_v9_derived_predicates_change_when_objects_come_and_go() -> None:
@@ -132,11 +132,11 @@ def test_v9_derived_predicates_change_when_objects_come_and_go() -> None:
         rule("strange", Atom("p", ("c",))),
     )
     objects = {"a": [(0, 100, "node")], "b": [(10, 30, "leaf")], "c": [(40, 50, "object")]}
-    course = History((0, 100), about, objects=objects, facts={"marked a": [(0, 100, False)]}, use_unknowns=True)
-    assert when.intervals(Atom("p", ("b",)), course) == [(10, 30)]
-    assert when.intervals(Atom("some"), course) == [(10, 30)]
-    assert when.truths(Atom("quiet"), course) == [(0, 10, T), (10, 30, U), (30, 100, T)]
-    assert when.truths(Atom("strange"), course) == [(0, 40, U), (40, 50, F), (50, 100, U)]
+    trajectory = History((0, 100), about, objects=objects, facts={"marked a": [(0, 100, False)]}, use_unknowns=True)
+    assert when.intervals(Atom("p", ("b",)), trajectory) == [(10, 30)]
+    assert when.intervals(Atom("some"), trajectory) == [(10, 30)]
+    assert when.truths(Atom("quiet"), trajectory) == [(0, 10, T), (10, 30, U), (30, 100, T)]
+    assert when.truths(Atom("strange"), trajectory) == [(0, 40, U), (40, 50, F), (50, 100, U)]
 
 
 def test_v9_a_comparison_without_a_value_makes_unknown() -> None:
@@ -240,7 +240,7 @@ def test_only_what_is_asked_for_is_derived() -> None:
 def test_deep_rules_and_deep_questions() -> None:
     """V9: the depth of a rule adds to that of the question that asks for it, and both are evaluated."""
 
-    def nested(condition: Condition) -> Condition:
+    def nested(condition: Formula) -> Formula:
         for _ in range(75):
             condition = Exists((Parameter("v", ("node",)),), And((condition, Truism())))
         return condition
@@ -248,8 +248,8 @@ def test_deep_rules_and_deep_questions() -> None:
     about = domain(rule("p x:node", nested(Atom("marked", ("?x",)))), rule("q x:node", nested(Atom("p", ("?x",)))))
     question = nested(Atom("q", ("a",)))
     assert truth(question, World(about, objects={"a": "node"}, facts={"marked a": True})) is T
-    course = History((0, 100), about, objects={"a": "node"}, facts={"marked a": [(2, 5, True)]})
-    assert when.intervals(question, course) == [(2, 5)]
+    trajectory = History((0, 100), about, objects={"a": "node"}, facts={"marked a": [(2, 5, True)]})
+    assert when.intervals(question, trajectory) == [(2, 5)]
 
 
 # -- strata ---------------------------------------------------------------------------------------------------
@@ -275,7 +275,7 @@ P, Q = Atom("p", ("?x",)), Atom("q", ("?x",))
         forall("y:node", Imply(Atom("q", ("?y",)), EDGE_XY)),
     ],
 )
-def test_recursion_through_a_negation_is_refused(body: Condition) -> None:
+def test_recursion_through_a_negation_is_refused(body: Formula) -> None:
     """V9: rules must be stratified."""
     about = domain(rule("p x:node", body), rule("q x:node", Or((Atom("marked", ("?x",)), P))))
     with pytest.raises(InvalidKnowledge, match="p depends on itself through the negation of q"):

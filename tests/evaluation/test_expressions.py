@@ -8,8 +8,8 @@ from kbstore.clock import SECOND
 from kbstore.errors import DivisionByZero, InvalidKnowledge, UndefinedFunction
 from kbstore.evaluation.expressions import evaluate
 from kbstore.evaluation.interpretation import Number
-from kbstore.logic import Atom, Expression
 from kbstore.messages import Operator, SpecialType
+from kbstore.model.formulas import Atom, NumericExpression
 from tests.evaluation.worlds import World
 
 ADD, SUB, MUL, DIV, MINUS = Operator.ADD, Operator.SUB, Operator.MUL, Operator.DIV, Operator.UMINUS
@@ -34,7 +34,7 @@ LEAVES = st.one_of(
 )
 
 
-def _combined(parts: st.SearchStrategy[Expression]) -> st.SearchStrategy[Expression]:
+def _combined(parts: st.SearchStrategy[NumericExpression]) -> st.SearchStrategy[NumericExpression]:
     binary = st.tuples(st.sampled_from([ADD, SUB, MUL, DIV]), parts, parts).map(lambda t: (t[0], *t[1], *t[2]))
     return st.one_of(binary, parts.map(lambda part: (MINUS, *part)))
 
@@ -54,14 +54,14 @@ EXPRESSIONS = st.recursive(LEAVES.map(lambda leaf: (leaf,)), _combined, max_leav
         ((ADD, 1.0, MUL, 2.0, 3.0), 7),
     ],
 )
-def test_the_seven_expressions_that_the_original_gets_wrong(expression: Expression, value: float) -> None:
+def test_the_seven_expressions_that_the_original_gets_wrong(expression: NumericExpression, value: float) -> None:
     """The last table of the rules: operands are read from left to right, in prefix order."""
     assert evaluate(expression, NOWHERE) == value
 
 
 @settings(deadline=None)
 @given(EXPRESSIONS)
-def test_random_expressions_have_the_value_that_python_gives_them(expression: Expression) -> None:
+def test_random_expressions_have_the_value_that_python_gives_them(expression: NumericExpression) -> None:
     """V5: arithmetic is that of IEEE doubles; division by zero is an error of its own."""
     try:
         expected = eval(infix(list(expression)), FUNCTIONS.copy())
@@ -104,7 +104,7 @@ def test_an_undefined_function_is_named_with_the_moment() -> None:
         ((DIV, 1.0, SUB, 2.0, 2.0), "an expression"),
     ],
 )
-def test_a_division_by_zero_names_the_divisor(expression: Expression, divisor: str) -> None:
+def test_a_division_by_zero_names_the_divisor(expression: NumericExpression, divisor: str) -> None:
     """V5: asked for its value, a division by zero is DivisionByZero."""
     with pytest.raises(DivisionByZero, match=divisor):
         evaluate(expression, World(numbers={"battery kenny": 0.0}), duration=0.0)
@@ -134,7 +134,7 @@ def test_special_numbers_have_the_value_that_is_given() -> None:
     "expression",
     [(MUL, 1e200, 1e200), (DIV, 1e300, 1e-300), (DIV, 1.0, MUL, 1e200, 1e200), (SUB, MUL, 1e200, -1e200, 1.0)],
 )
-def test_overflow_is_refused_even_if_the_result_were_finite(expression: Expression) -> None:
+def test_overflow_is_refused_even_if_the_result_were_finite(expression: NumericExpression) -> None:
     """C7: infinities and NaN are InvalidKnowledge; no step of an expression goes through one."""
     with pytest.raises(InvalidKnowledge, match="overflow"):
         evaluate(expression, NOWHERE)
@@ -161,7 +161,7 @@ def test_a_wildcard_in_a_function_is_refused_with_advice(argument: str) -> None:
 
 
 @pytest.mark.parametrize("expression", [(), (ADD, 1.0), (1.0, 2.0), (MINUS,), (ADD, ADD, 1.0, 2.0)])
-def test_tokens_that_are_no_expression_are_refused(expression: Expression) -> None:
+def test_tokens_that_are_no_expression_are_refused(expression: NumericExpression) -> None:
     """An expression is one expression in prefix order."""
     with pytest.raises(InvalidKnowledge, match=r"prefix order|is empty"):
         evaluate(expression, NOWHERE)

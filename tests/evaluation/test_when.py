@@ -11,8 +11,21 @@ from kbstore.evaluation import when
 from kbstore.evaluation.conditions import truth
 from kbstore.evaluation.interpretation import Arguments, Number
 from kbstore.evaluation.intervals import Intervals
-from kbstore.logic import And, Atom, Comparison, Condition, Defined, Expression, Imply, IsA, Not, Or, Same, Truism
 from kbstore.messages import ComparisonType, Operator, SpecialType, Truth
+from kbstore.model.formulas import (
+    And,
+    Atom,
+    Comparison,
+    Defined,
+    Formula,
+    Imply,
+    IsA,
+    Not,
+    NumericExpression,
+    Or,
+    Same,
+    Truism,
+)
 from tests.evaluation import brute_force
 from tests.evaluation.strategies import (
     DOMAIN,
@@ -50,14 +63,14 @@ def moving(end: int, **numbers: Number) -> History:
     return history(end=end, numbers={names[k]: [(0, end, n)] for k, n in numbers.items()})
 
 
-def agrees(condition: Condition, course: History) -> bool:
+def agrees(condition: Formula, trajectory: History) -> bool:
     """Whether the pieces fill the span, neighbours differ, and each has the truth of brute force at every time."""
-    pieces = when.truths(condition, course)
-    assert [pieces[0][0], *(end for _, end, _ in pieces)] == [*(start for start, _, _ in pieces), course.span[1]]
+    pieces = when.truths(condition, trajectory)
+    assert [pieces[0][0], *(end for _, end, _ in pieces)] == [*(start for start, _, _ in pieces), trajectory.span[1]]
     assert all(a[2] is not b[2] for a, b in pairwise(pieces))
-    assert when.intervals(condition, course) == [(start, end) for start, end, value in pieces if value is T]
+    assert when.intervals(condition, trajectory) == [(start, end) for start, end, value in pieces if value is T]
     found = [value for start, end, value in pieces for _ in range(start, end)]
-    return found == [brute_force.truth(condition, course.at(t)) for t in range(*course.span)]
+    return found == [brute_force.truth(condition, trajectory.at(t)) for t in range(*trajectory.span)]
 
 
 # -- against brute force --------------------------------------------------------------------------------------
@@ -65,27 +78,27 @@ def agrees(condition: Condition, course: History) -> bool:
 
 @settings(max_examples=60, deadline=None)
 @given(st.one_of([conditions(linear=True, depth=depth) for depth in (0, 1, 2, 4)]), histories())
-def test_when_agrees_with_brute_force_at_every_nanosecond(condition: Condition, course: History) -> None:
+def test_when_agrees_with_brute_force_at_every_nanosecond(condition: Formula, trajectory: History) -> None:
     """Q4: any condition of V4 and V5, with derived predicates, over histories of a few nanoseconds."""
-    assert agrees(condition, course)
+    assert agrees(condition, trajectory)
 
 
 @settings(max_examples=40, deadline=None)
 @given(conditions(linear=True, depth=2, domain=FREE_OF_RULES), histories(domain=FREE_OF_RULES))
-def test_when_without_a_domain(condition: Condition, course: History) -> None:
+def test_when_without_a_domain(condition: Formula, trajectory: History) -> None:
     """Q4, D2: the same on what is told without a domain."""
-    course.domain = None
-    assert agrees(condition, course)
+    trajectory.domain = None
+    assert agrees(condition, trajectory)
 
 
 @settings(max_examples=60, deadline=None)
 @given(expressions(()), expressions(()), st.sampled_from(ComparisonType), histories())
 def test_any_comparison_is_right_or_not_linear(
-    left: Expression, right: Expression, comparison: ComparisonType, course: History
+    left: NumericExpression, right: NumericExpression, comparison: ComparisonType, trajectory: History
 ) -> None:
     """Q4: products and quotients of functions give the right answer, or NotLinear, never a wrong one."""
     try:
-        assert agrees(Comparison(comparison, left, right), course)
+        assert agrees(Comparison(comparison, left, right), trajectory)
     except NotLinear as error:
         assert "not linear in time" in str(error)  # noqa: PT017 - both outcomes are right
 
@@ -102,21 +115,21 @@ def test_crossings_are_exact_to_the_nanosecond(
     value: float, rate: float, since: int, bound: float, comparison: ComparisonType
 ) -> None:
     """Q4, V5: at the ends of each piece, and one nanosecond to each side, the moment's answer is the same."""
-    course = moving(2**61, x=Number(value, rate, since))
+    trajectory = moving(2**61, x=Number(value, rate, since))
     condition = Comparison(comparison, (X,), (bound,))
-    for start, end, found in when.truths(condition, course):
+    for start, end, found in when.truths(condition, trajectory):
         for t in (start, start + 1, (start + end) // 2, end - 2, end - 1):
             if start <= t < end:
-                assert brute_force.truth(condition, course.at(t)) is found
-                assert truth(condition, when.moment(course, t)) is found
+                assert brute_force.truth(condition, trajectory.at(t)) is found
+                assert truth(condition, when.moment(trajectory, t)) is found
 
 
 @settings(max_examples=30, deadline=None)
 @given(conditions(), histories(), st.integers(0, 20))
-def test_a_moment_of_a_course_is_the_world_at_that_time(condition: Condition, course: History, t: int) -> None:
+def test_a_moment_of_a_course_is_the_world_at_that_time(condition: Formula, trajectory: History, t: int) -> None:
     """Q4: `moment` gives what stands at one time of the span."""
-    t = course.span[0] + t % (course.span[1] - course.span[0])
-    view, world = when.moment(course, t), course.at(t)
+    t = trajectory.span[0] + t % (trajectory.span[1] - trajectory.span[0])
+    view, world = when.moment(trajectory, t), trajectory.at(t)
     assert truth(condition, view) is truth(condition, world)
     for name in DOMAIN.predicate_signatures:
         assert dict(view.facts(name)) == dict(world.facts(name))
@@ -128,38 +141,38 @@ def test_a_moment_of_a_course_is_the_world_at_that_time(condition: Condition, co
 
 def test_maximal_half_open_intervals() -> None:
     """Q4: what meets is one interval, in the span only."""
-    course = history(facts={"free p1": [(0, 10, True), (10, 20, True), (20, 30, False), (40, 50, True)]})
-    assert when.intervals(FREE, course) == [(0, 20), (40, 50)]
-    assert when.intervals(Not(FREE), course) == [(20, 40), (50, 100)]
-    assert when.truths(FREE, course) == [(0, 20, T), (20, 40, F), (40, 50, T), (50, 100, F)]
+    trajectory = history(facts={"free p1": [(0, 10, True), (10, 20, True), (20, 30, False), (40, 50, True)]})
+    assert when.intervals(FREE, trajectory) == [(0, 20), (40, 50)]
+    assert when.intervals(Not(FREE), trajectory) == [(20, 40), (50, 100)]
+    assert when.truths(FREE, trajectory) == [(0, 20, T), (20, 40, F), (40, 50, T), (50, 100, F)]
 
 
 def test_v3_in_an_open_world_not_is_true_only_where_explicitly_false() -> None:
     """V2, V3: absent is unknown."""
-    course = history(unknowns=True, facts={"free p1": [(10, 20, True), (20, 30, False)]})
-    assert when.truths(FREE, course) == [(0, 10, U), (10, 20, T), (20, 30, F), (30, 100, U)]
-    assert when.intervals(Not(FREE), course) == [(20, 30)]
+    trajectory = history(unknowns=True, facts={"free p1": [(10, 20, True), (20, 30, False)]})
+    assert when.truths(FREE, trajectory) == [(0, 10, U), (10, 20, T), (20, 30, F), (30, 100, U)]
+    assert when.intervals(Not(FREE), trajectory) == [(20, 30)]
 
 
 def test_v4_connectives_over_time() -> None:
     """V4: conditions are true when their parts are."""
-    course = history(facts={"free p1": [(10, 30, True)], "free p2": [(20, 40, True)], "alarm": [(25, 27, True)]})
+    trajectory = history(facts={"free p1": [(10, 30, True)], "free p2": [(20, 40, True)], "alarm": [(25, 27, True)]})
     both = And((FREE, Atom("free", ("p2",)), Not(Atom("alarm"))))
-    assert when.intervals(both, course) == [(20, 25), (27, 30)]
-    assert when.intervals(Or((FREE, Atom("free", ("p2",)))), course) == [(10, 40)]
-    assert when.intervals(Imply(FREE, Atom("alarm")), course) == [(0, 10), (25, 27), (30, 100)]
-    assert when.intervals(Truism(), course) == [(0, 100)]
-    assert when.intervals(Or(()), course) == []
+    assert when.intervals(both, trajectory) == [(20, 25), (27, 30)]
+    assert when.intervals(Or((FREE, Atom("free", ("p2",)))), trajectory) == [(10, 40)]
+    assert when.intervals(Imply(FREE, Atom("alarm")), trajectory) == [(0, 10), (25, 27), (30, 100)]
+    assert when.intervals(Truism(), trajectory) == [(0, 100)]
+    assert when.intervals(Or(()), trajectory) == []
 
 
 def test_v4_quantifiers_respect_when_objects_exist() -> None:
     """V4: at each time the objects that exist then; a constant always exists."""
     objects = {"r1": [(0, 100, "robot")], "r2": [(20, 60, "robot"), (80, 90, "robot")]}
     facts = {"at r1 home": [(0, 50, True)], "at r2 home": [(30, 60, True)]}
-    course = history(objects=objects, facts=facts)
-    assert when.intervals(forall("r:robot", Atom("at", ("?r", "home"))), course) == [(0, 20), (30, 50)]
-    assert when.intervals(exists("r:robot", Not(Atom("at", ("?r", "home")))), course) == [(20, 30), (50, 100)]
-    assert when.intervals(forall("r:robot d:dock", Atom("at", ("?r", "?d"))), course) == [(0, 20), (30, 50)]
+    trajectory = history(objects=objects, facts=facts)
+    assert when.intervals(forall("r:robot", Atom("at", ("?r", "home"))), trajectory) == [(0, 20), (30, 50)]
+    assert when.intervals(exists("r:robot", Not(Atom("at", ("?r", "home")))), trajectory) == [(20, 30), (50, 100)]
+    assert when.intervals(forall("r:robot d:dock", Atom("at", ("?r", "?d"))), trajectory) == [(0, 20), (30, 50)]
 
 
 def test_v7_wildcards_over_time() -> None:
@@ -168,27 +181,34 @@ def test_v7_wildcards_over_time() -> None:
     facts = {"at r1 home": [(0, 10, True), (10, 100, False)], "at r2 home": [(30, 50, False), (50, 60, True)]}
     wild = Atom("at", ("?", "home"))
     assert when.intervals(wild, history(objects=objects, facts=facts)) == [(0, 10), (50, 60)]
-    course = history(objects=objects, facts=facts, unknowns=True)
-    assert when.truths(wild, course) == [(0, 10, T), (10, 20, F), (20, 30, U), (30, 50, F), (50, 60, T), (60, 100, F)]
+    trajectory = history(objects=objects, facts=facts, unknowns=True)
+    assert when.truths(wild, trajectory) == [
+        (0, 10, T),
+        (10, 20, F),
+        (20, 30, U),
+        (30, 50, F),
+        (50, 60, T),
+        (60, 100, F),
+    ]
 
 
 def test_v7_a_denial_that_ends_is_no_denial() -> None:
     """V7: in an open world a wildcard is unknown again when something is no longer denied."""
     objects = {"r1": [(0, 100, "robot")]}
-    course = history(unknowns=True, objects=objects, facts={"at r1 home": [(10, 20, False)]})
-    assert when.truths(Atom("at", ("?", "home")), course) == [(0, 10, U), (10, 20, F), (20, 100, U)]
+    trajectory = history(unknowns=True, objects=objects, facts={"at r1 home": [(10, 20, False)]})
+    assert when.truths(Atom("at", ("?", "home")), trajectory) == [(0, 10, U), (10, 20, F), (20, 100, U)]
 
 
 def test_v4_quantifiers_over_time_in_an_open_world() -> None:
     """V4: exists is false only while it is explicitly false of all that exist; forall dually."""
     objects = {"d1": [(0, 80, "dock")]}
     facts = {"free d1": [(10, 40, False), (40, 50, True)], "free home": [(20, 60, False), (60, 90, True)]}
-    course, free = history(unknowns=True, objects=objects, facts=facts), Atom("free", ("?d",))
-    assert when.truths(exists("d:dock", free), course) == [
+    trajectory, free = history(unknowns=True, objects=objects, facts=facts), Atom("free", ("?d",))
+    assert when.truths(exists("d:dock", free), trajectory) == [
         (0, 20, U), (20, 40, F), (40, 50, T), (50, 60, U), (60, 90, T), (90, 100, U),
     ]  # fmt: skip
     assert when.truths(exists("d:dock", free), history(unknowns=True)) == [(0, 100, U)]
-    assert when.truths(forall("d:dock", free), course) == [
+    assert when.truths(forall("d:dock", free), trajectory) == [
         (0, 10, U), (10, 60, F), (60, 80, U), (80, 90, T), (90, 100, U),
     ]  # fmt: skip
 
@@ -196,34 +216,34 @@ def test_v4_quantifiers_over_time_in_an_open_world() -> None:
 def test_existence_equality_and_definedness_over_time() -> None:
     """Q4, V8: what does not exist is of no type; a function is defined in its pieces."""
     objects = {"p1": [(10, 20, "place"), (30, 40, "dock")]}
-    course = history(objects=objects, numbers={"total": [(5, 15, Number(1.0))]})
-    assert when.intervals(IsA("p1"), course) == [(10, 20), (30, 40)]
-    assert when.intervals(IsA("p1", "dock"), course) == [(30, 40)]
-    assert when.intervals(IsA("?", "place"), course) == [(0, 100)]
-    assert when.intervals(Same("ghost", "GHOST"), course) == [(0, 100)]
-    assert when.intervals(Defined(TOTAL), course) == [(5, 15)]
+    trajectory = history(objects=objects, numbers={"total": [(5, 15, Number(1.0))]})
+    assert when.intervals(IsA("p1"), trajectory) == [(10, 20), (30, 40)]
+    assert when.intervals(IsA("p1", "dock"), trajectory) == [(30, 40)]
+    assert when.intervals(IsA("?", "place"), trajectory) == [(0, 100)]
+    assert when.intervals(Same("ghost", "GHOST"), trajectory) == [(0, 100)]
+    assert when.intervals(Defined(TOTAL), trajectory) == [(5, 15)]
     objects = {"r1": [(10, 20, "robot")]}
-    course = history(objects=objects, numbers={"level r1": [(0, 15, Number(1.0)), (17, 30, Number(1.0))]})
-    assert when.intervals(Defined(Atom("level", ("?",))), course) == [(10, 15), (17, 20)]
+    trajectory = history(objects=objects, numbers={"level r1": [(0, 15, Number(1.0)), (17, 30, Number(1.0))]})
+    assert when.intervals(Defined(Atom("level", ("?",))), trajectory) == [(10, 15), (17, 20)]
 
 
 def test_bindings_and_duration() -> None:
     """Q4: free variables and `?duration` are given with the question."""
-    course = history(facts={"free p1": [(10, 20, True)]}, numbers={"total": [(0, 50, Number(3.0))]})
-    assert when.intervals(Atom("free", ("?X",)), course, {"x": "P1"}) == [(10, 20)]
+    trajectory = history(facts={"free p1": [(10, 20, True)]}, numbers={"total": [(0, 50, Number(3.0))]})
+    assert when.intervals(Atom("free", ("?X",)), trajectory, {"x": "P1"}) == [(10, 20)]
     longer = Comparison(GREATER, (SpecialType.DURATION,), (TOTAL,))
-    assert when.intervals(longer, course, duration=4.0) == [(0, 50)]
+    assert when.intervals(longer, trajectory, duration=4.0) == [(0, 50)]
     with pytest.raises(InvalidKnowledge, match=r"\?duration"):
-        when.intervals(longer, course)
+        when.intervals(longer, trajectory)
 
 
 def test_questions_are_checked_and_an_empty_span_has_no_intervals() -> None:
     """V8: unknown symbols are refused, over an empty span, too."""
-    course = history(end=0)
-    assert when.intervals(FREE, course) == []
-    assert isinstance(when.intervals(FREE, course), Intervals)
+    trajectory = history(end=0)
+    assert when.intervals(FREE, trajectory) == []
+    assert isinstance(when.intervals(FREE, trajectory), Intervals)
     with pytest.raises(UnknownSymbol, match="no predicate flies"):
-        when.intervals(Or((Truism(), Atom("flies"))), course)
+        when.intervals(Or((Truism(), Atom("flies"))), trajectory)
 
 
 def test_v8_derived_predicates_over_time() -> None:
@@ -241,10 +261,10 @@ def test_v8_derived_predicates_over_time() -> None:
 
 def test_v9_a_derived_predicate_that_compares_changes_at_the_crossing() -> None:
     """V9, Q4: between its facts' changes, too, a derived predicate is exact to the nanosecond."""
-    course = moving(10 * SECOND, x=Number(10.0, -1.0, 0), y=Number(50.0, 0.0, 0), total=Number(4.0, 0.5, 0))
+    trajectory = moving(10 * SECOND, x=Number(10.0, -1.0, 0), y=Number(50.0, 0.0, 0), total=Number(4.0, 0.5, 0))
     # 10 - t < 4 + t / 2 from t = 4 on
-    assert when.intervals(Atom("low", ("r1",)), course) == [(4 * SECOND + 1, 10 * SECOND)]
-    assert when.intervals(exists("r:robot", Atom("low", ("?r",))), course) == [(4 * SECOND + 1, 10 * SECOND)]
+    assert when.intervals(Atom("low", ("r1",)), trajectory) == [(4 * SECOND + 1, 10 * SECOND)]
+    assert when.intervals(exists("r:robot", Atom("low", ("?r",))), trajectory) == [(4 * SECOND + 1, 10 * SECOND)]
 
 
 # -- comparisons that move ------------------------------------------------------------------------------------
@@ -280,11 +300,11 @@ def test_v9_a_derived_predicate_that_compares_changes_at_the_crossing() -> None:
     ],
 )
 def test_q4_crossings_of_linear_expressions(
-    comparison: ComparisonType, left: Expression, right: Expression, expected: list[tuple[int, int]]
+    comparison: ComparisonType, left: NumericExpression, right: NumericExpression, expected: list[tuple[int, int]]
 ) -> None:
     """Q4: a comparison linear in time has its crossing solved; equality holds for single nanoseconds."""
-    course = moving(10 * SECOND, x=Number(10.0, -2.0, 0), y=Number(0.0, 1.0, 0), total=Number(4.0))
-    assert when.intervals(Comparison(comparison, left, right), course) == expected
+    trajectory = moving(10 * SECOND, x=Number(10.0, -2.0, 0), y=Number(0.0, 1.0, 0), total=Number(4.0))
+    assert when.intervals(Comparison(comparison, left, right), trajectory) == expected
 
 
 @pytest.mark.parametrize(
@@ -298,11 +318,11 @@ def test_q4_crossings_of_linear_expressions(
         (MUL, X, MUL, Y, MUL, X, MUL, X, Y),
     ],
 )
-def test_q4_what_is_not_linear_is_refused(expression: Expression) -> None:
+def test_q4_what_is_not_linear_is_refused(expression: NumericExpression) -> None:
     """Q4: two moving functions multiplied, or division by one, is NotLinear and names them."""
-    course = moving(10 * SECOND, x=Number(10.0, -2.0, 0), y=Number(0.0, 1.0, 0))
+    trajectory = moving(10 * SECOND, x=Number(10.0, -2.0, 0), y=Number(0.0, 1.0, 0))
     with pytest.raises(NotLinear, match=r"1970-01-01T00:00:00Z to 1970-01-01T00:00:10Z, where \(level r[12]\)"):
-        when.intervals(Comparison(GREATER, expression, (1.0,)), course)
+        when.intervals(Comparison(GREATER, expression, (1.0,)), trajectory)
 
 
 def test_q4_only_the_span_that_is_asked_for_must_be_linear() -> None:
@@ -316,9 +336,9 @@ def test_q4_only_the_span_that_is_asked_for_must_be_linear() -> None:
 def test_q4_a_function_of_many_pieces() -> None:
     """Q4: each piece has its own crossing; undefined pieces are unknown; jumps count."""
     pieces = [(0, 10, Number(5.0)), (10, 30, Number(20.0, -1e9, 10)), (40, 60, Number(0.0, 1e9, 38))]
-    course = history(numbers={"total": pieces})
+    trajectory = history(numbers={"total": pieces})
     low = Comparison(LESS, (TOTAL,), (10.0,))
-    assert when.truths(low, course) == [
+    assert when.truths(low, trajectory) == [
         (0, 10, T),
         (10, 21, F),
         (21, 30, T),
@@ -331,9 +351,9 @@ def test_q4_a_function_of_many_pieces() -> None:
 
 def test_q4_a_constant_comparison_is_one_piece() -> None:
     """V5: numbers alone are compared as at a moment; without a value it is unknown throughout."""
-    course = history()
-    assert when.truths(Comparison(LESS, (1.0,), (2.0,)), course) == [(0, 100, T)]
-    assert when.truths(Comparison(LESS, (DIV, 1.0, 0.0), (2.0,)), course) == [(0, 100, U)]
+    trajectory = history()
+    assert when.truths(Comparison(LESS, (1.0,), (2.0,)), trajectory) == [(0, 100, T)]
+    assert when.truths(Comparison(LESS, (DIV, 1.0, 0.0), (2.0,)), trajectory) == [(0, 100, U)]
 
 
 # -- how much is read, and how fast ---------------------------------------------------------------------------
@@ -357,12 +377,14 @@ class Reading(History):
 
 def test_a_question_about_one_fact_reads_that_fact_only() -> None:
     """Q4: it reads what the question needs; a predicate under a quantifier is read once, all of it."""
-    course = Reading((0, 100), DOMAIN, objects=OBJECTS, facts={"free p1": [(0, 5, True)], "free p2": [(3, 9, True)]})
-    assert when.intervals(And((FREE, Not(Not(FREE)))), course) == [(0, 5)]
-    assert course.reads == ["free p1"]
-    course.reads.clear()
-    assert when.intervals(forall("p:place", Imply(Atom("free", ("?p",)), FREE)), course) == [(0, 5), (9, 100)]
-    assert course.reads == ["free"]
+    trajectory = Reading(
+        (0, 100), DOMAIN, objects=OBJECTS, facts={"free p1": [(0, 5, True)], "free p2": [(3, 9, True)]}
+    )
+    assert when.intervals(And((FREE, Not(Not(FREE)))), trajectory) == [(0, 5)]
+    assert trajectory.reads == ["free p1"]
+    trajectory.reads.clear()
+    assert when.intervals(forall("p:place", Imply(Atom("free", ("?p",)), FREE)), trajectory) == [(0, 5), (9, 100)]
+    assert trajectory.reads == ["free"]
 
 
 def test_ten_thousand_intervals_come_back_one_by_one() -> None:
@@ -371,12 +393,14 @@ def test_ten_thousand_intervals_come_back_one_by_one() -> None:
     cuts = sorted(chance.sample(range(10**6), 2 * size))
     spans = list(zip(cuts[::2], cuts[1::2], strict=True))
     facts = {"free p1": [(a, b, True) for a, b in spans], "free p2": [(a + 1, b + 1, True) for a, b in spans]}
-    course = history(end=10**6 + 2, facts=facts)
-    assert when.intervals(FREE, course) == spans
-    assert agrees_at(And((FREE, Atom("free", ("p2",)))), course, chance.sample(range(10**6), 10))
+    trajectory = history(end=10**6 + 2, facts=facts)
+    assert when.intervals(FREE, trajectory) == spans
+    assert agrees_at(And((FREE, Atom("free", ("p2",)))), trajectory, chance.sample(range(10**6), 10))
 
 
-def agrees_at(condition: Condition, course: History, times: list[int]) -> bool:
+def agrees_at(condition: Formula, trajectory: History, times: list[int]) -> bool:
     """Whether intervals and brute force agree at some times."""
-    found = when.intervals(condition, course)
-    return all(any(a <= t < b for a, b in found) is (brute_force.truth(condition, course.at(t)) is T) for t in times)
+    found = when.intervals(condition, trajectory)
+    return all(
+        any(a <= t < b for a, b in found) is (brute_force.truth(condition, trajectory.at(t)) is T) for t in times
+    )

@@ -18,9 +18,9 @@ above all types.
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 
-from kbstore.domain import Domain, Signature
 from kbstore.evaluation.interpretation import Arguments, Number, Span
-from kbstore.logic import Parameter
+from kbstore.model.domain import Domain, Signature
+from kbstore.model.formulas import Parameter
 
 
 def words(text: str) -> tuple[str, Arguments]:
@@ -114,7 +114,7 @@ class History:
     def numbers(self, name: str, arguments: Arguments) -> Sequence[tuple[int, int, Number]]:
         return self.pieces_of_numbers.get((name, arguments), [])
 
-    def existences(self, types: Iterable[str]) -> Mapping[str, Sequence[Span]]:
+    def lifespans(self, types: Iterable[str]) -> Mapping[str, Sequence[Span]]:
         types = list(types)
         found = {
             name: [(start, end) for start, end, type_name in pieces if is_of(self.domain, type_name, types)]
@@ -122,7 +122,7 @@ class History:
         }
         return {name: spans for name, spans in found.items() if spans}
 
-    def existence(self, name: str) -> Sequence[tuple[int, int, str]]:
+    def lifespan(self, name: str) -> Sequence[tuple[int, int, str]]:
         return self.pieces_of_objects.get(name, [])
 
     def at(self, t: int) -> World:

@@ -7,7 +7,7 @@ from typing import Any
 from kbstore.clock import SECOND
 from kbstore.messages import Condition, Fact, Function, Instance
 from kbstore.pddl.domain_reader import read_domain
-from kbstore.pddl.forms import parse_item
+from kbstore.pddl.parse import parse_item
 
 HEAD = """
 (define (domain Robots)

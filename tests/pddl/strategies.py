@@ -2,7 +2,8 @@
 
 from hypothesis import strategies as st
 
-from kbstore.logic import (
+from kbstore.messages import AssignOp, ComparisonType, Fact, Function, Instance, Operator, SpecialType
+from kbstore.model.formulas import (
     And,
     Atom,
     Comparison,
@@ -17,7 +18,6 @@ from kbstore.logic import (
     Same,
     Truism,
 )
-from kbstore.messages import AssignOp, ComparisonType, Fact, Function, Instance, Operator, SpecialType
 
 NAMES = ("p", "Q", "robot_at", "wp-7", "at", "start", "over", "a1", "total-cost", "x", "define", "object")
 names = st.sampled_from(NAMES)

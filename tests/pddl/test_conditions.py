@@ -3,7 +3,9 @@
 import pytest
 
 from kbstore.errors import InvalidKnowledge, KbStoreError, PddlSyntaxError, UnknownSymbol
-from kbstore.logic import (
+from kbstore.messages import AssignOp, ComparisonType, Fact, Function, Inequality, Instance, Operator, SpecialType
+from kbstore.messages import Condition as ConditionMessage
+from kbstore.model.formulas import (
     And,
     Atom,
     Comparison,
@@ -19,11 +21,9 @@ from kbstore.logic import (
     Same,
     Truism,
 )
-from kbstore.messages import AssignOp, ComparisonType, Fact, Function, Inequality, Instance, Operator, SpecialType
-from kbstore.messages import Condition as ConditionMessage
 from kbstore.pddl.domain_reader import read_domain
-from kbstore.pddl.forms import condition_of, from_composite, goals_of, parse_condition, parse_expression, parse_item
-from kbstore.pddl.text import condition_text, expression_text
+from kbstore.pddl.parse import condition_of, from_composite, goals_of, parse_condition, parse_expression, parse_item
+from kbstore.pddl.printer import condition_text, expression_text
 
 P, Q = Atom("p"), Atom("q")
 DOMAIN = read_domain(

@@ -2,31 +2,31 @@
 
 import pytest
 
-from kbstore.actions import DurationConstraint
-from kbstore.logic import (
+from kbstore.messages import AssignOp, ComparisonType, Operator, SpecialType
+from kbstore.model.actions import DurationConstraint
+from kbstore.model.formulas import (
     Add,
     And,
     Atom,
-    Change,
     Comparison,
     Delete,
     Exists,
     Forall,
     ForEach,
     Imply,
-    Moment,
     Not,
+    NumericEffect,
     Or,
     Parameter,
     Preference,
     Same,
+    Timing,
     When,
     WhenAtStart,
 )
-from kbstore.messages import AssignOp, ComparisonType, Operator, SpecialType
 from kbstore.pddl.domain_reader import read_domain
 
-START, ALL, END = Moment.AT_START, Moment.OVER_ALL, Moment.AT_END
+START, ALL, END = Timing.AT_START, Timing.OVER_ALL, Timing.AT_END
 P, Q = Atom("p"), Atom("q")
 
 
@@ -275,12 +275,12 @@ class TestActions:
                     )
                 ],
             ),
-            ("(assign (f) 3)", [Change(AssignOp.ASSIGN, Atom("f"), (3.0,))]),
-            ("(increase (total-cost) 1)", [Change(AssignOp.INCREASE, Atom("total-cost"), (1.0,))]),
-            ("(increase total-cost 1)", [Change(AssignOp.INCREASE, Atom("total-cost"), (1.0,))]),
-            ("(decrease (f) (g home))", [Change(AssignOp.DECREASE, Atom("f"), (Atom("g", ("home",)),))]),
-            ("(scale-up (f) (- 2))", [Change(AssignOp.SCALE_UP, Atom("f"), (Operator.UMINUS, 2.0))]),
-            ("(SCALE-DOWN (f) 2)", [Change(AssignOp.SCALE_DOWN, Atom("f"), (2.0,))]),
+            ("(assign (f) 3)", [NumericEffect(AssignOp.ASSIGN, Atom("f"), (3.0,))]),
+            ("(increase (total-cost) 1)", [NumericEffect(AssignOp.INCREASE, Atom("total-cost"), (1.0,))]),
+            ("(increase total-cost 1)", [NumericEffect(AssignOp.INCREASE, Atom("total-cost"), (1.0,))]),
+            ("(decrease (f) (g home))", [NumericEffect(AssignOp.DECREASE, Atom("f"), (Atom("g", ("home",)),))]),
+            ("(scale-up (f) (- 2))", [NumericEffect(AssignOp.SCALE_UP, Atom("f"), (Operator.UMINUS, 2.0))]),
+            ("(SCALE-DOWN (f) 2)", [NumericEffect(AssignOp.SCALE_DOWN, Atom("f"), (2.0,))]),
         ],
     )
     def test_effects(self, action, text, effects):
@@ -346,8 +346,8 @@ class TestDurativeActions:
         """Conditions of every moment, nested in every way."""
         found = action(f":parameters (?r - robot) :duration (= ?duration 1) :condition {text}", "durative-action")
         if conditions is None:
-            ((moment, condition),) = found.conditions
-            assert moment is START
+            ((timing, condition),) = found.conditions
+            assert timing is START
             assert isinstance(condition, Exists)
         else:
             assert found.conditions == conditions
@@ -359,18 +359,18 @@ class TestDurativeActions:
             ("(at end (and (p) (not (q))))", ((END, Add(P)), (END, Delete(Q)))),
             (
                 "(at start (increase (f) ?duration))",
-                ((START, Change(AssignOp.INCREASE, Atom("f"), (SpecialType.DURATION,))),),
+                ((START, NumericEffect(AssignOp.INCREASE, Atom("f"), (SpecialType.DURATION,))),),
             ),
-            ("(increase (f) (* #t 2))", ((ALL, Change(AssignOp.ASSIGN_CTS, Atom("f"), (2.0,))),)),
-            ("(decrease (f) (* #t 2))", ((ALL, Change(AssignOp.ASSIGN_CTS, Atom("f"), (-2.0,))),)),
+            ("(increase (f) (* #t 2))", ((ALL, NumericEffect(AssignOp.ASSIGN_CTS, Atom("f"), (2.0,))),)),
+            ("(decrease (f) (* #t 2))", ((ALL, NumericEffect(AssignOp.ASSIGN_CTS, Atom("f"), (-2.0,))),)),
             (
                 "(decrease (f) (* (g home) #t))",
-                ((ALL, Change(AssignOp.ASSIGN_CTS, Atom("f"), (Operator.UMINUS, Atom("g", ("home",))))),),
+                ((ALL, NumericEffect(AssignOp.ASSIGN_CTS, Atom("f"), (Operator.UMINUS, Atom("g", ("home",))))),),
             ),
-            ("(increase (f) #t)", ((ALL, Change(AssignOp.ASSIGN_CTS, Atom("f"), (1.0,))),)),
+            ("(increase (f) #t)", ((ALL, NumericEffect(AssignOp.ASSIGN_CTS, Atom("f"), (1.0,))),)),
             (
                 "(increase (f) (/ (* #t 3) 2))",
-                ((ALL, Change(AssignOp.ASSIGN_CTS, Atom("f"), (Operator.DIV, Operator.MUL, 1.0, 3.0, 2.0))),),
+                ((ALL, NumericEffect(AssignOp.ASSIGN_CTS, Atom("f"), (Operator.DIV, Operator.MUL, 1.0, 3.0, 2.0))),),
             ),
             ("(at end (when (p) (q)))", ((END, When(P, (Add(Q),))),)),
             ("(when (at start (p)) (at start (q)))", ((START, When(P, (Add(Q),))),)),
@@ -384,7 +384,7 @@ class TestDurativeActions:
                 "(when (at start (p)) (and (at end (q)) (at start (q)) (increase (f) (* #t 2))))",
                 (
                     (START, When(P, (Add(Q),))),
-                    (ALL, WhenAtStart(P, (Change(AssignOp.ASSIGN_CTS, Atom("f"), (2.0,)),))),
+                    (ALL, WhenAtStart(P, (NumericEffect(AssignOp.ASSIGN_CTS, Atom("f"), (2.0,)),))),
                     (END, WhenAtStart(P, (Add(Q),))),
                 ),
             ),

@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 
 from kbstore.errors import KbStoreError
 from kbstore.pddl.domain_reader import read_domain
-from kbstore.pddl.forms import condition_of, goals_of, parse_condition, parse_expression, parse_item
+from kbstore.pddl.parse import condition_of, goals_of, parse_condition, parse_expression, parse_item
+from kbstore.pddl.printer import condition_text, expression_text
 from kbstore.pddl.problem_reader import read_problem
-from kbstore.pddl.text import condition_text, expression_text
 
 DOMAIN_TEXT = """(define (domain d) (:requirements :typing) (:types kitchen - room room robot)
   (:constants home - room) (:predicates (at ?r - robot ?x - room) (dark) (lit ?x - room))

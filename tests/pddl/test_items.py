@@ -2,7 +2,6 @@
 
 import pytest
 
-from kbstore.composites import composite_of, unlabelled
 from kbstore.errors import InvalidKnowledge, KbStoreError, PddlSyntaxError
 from kbstore.messages import (
     AssignOp,
@@ -16,8 +15,9 @@ from kbstore.messages import (
     Operator,
     SpecialType,
 )
+from kbstore.model.expressions import composite_of, unlabelled
 from kbstore.pddl.domain_reader import read_domain
-from kbstore.pddl.forms import from_composite, parse_item
+from kbstore.pddl.parse import from_composite, parse_item
 
 DOMAIN = read_domain(
     """(define (domain d) (:types robot waypoint)

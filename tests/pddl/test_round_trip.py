@@ -2,13 +2,13 @@
 
 from hypothesis import example, given, settings
 
-from kbstore.composites import composite_of, unlabelled
-from kbstore.logic import Add, Atom, Change, Comparison, Delete, Forall, ForEach, Parameter, When
 from kbstore.messages import AssignOp, ComparisonType, Function, Operator
+from kbstore.model.expressions import composite_of, unlabelled
+from kbstore.model.formulas import Add, Atom, Comparison, Delete, Forall, ForEach, NumericEffect, Parameter, When
 from kbstore.pddl.domain_reader import read_domain
-from kbstore.pddl.forms import from_composite, parse_condition, parse_expression, parse_item
-from kbstore.pddl.sexpr import Source, node_text
-from kbstore.pddl.text import condition_text, effect_text, expression_text
+from kbstore.pddl.parse import from_composite, parse_condition, parse_expression, parse_item
+from kbstore.pddl.printer import condition_text, effect_text, expression_text
+from kbstore.pddl.sexpr import SourceText, node_text
 from tests.pddl import strategies
 
 
@@ -34,7 +34,7 @@ def test_conditions(condition):
     found = parse_condition(text)
     assert found == condition
     assert condition_text(found) == text
-    assert node_text(Source(text).read()) == text
+    assert node_text(SourceText(text).read()) == text
 
 
 @settings(deadline=None)
@@ -90,7 +90,7 @@ def test_effects_that_depend_on_the_start():
         """(define (domain d) (:predicates (p ?x) (q)) (:durative-action a :duration ()
         :effect (forall (?x) (when (and (at start (and (p ?x) (q))) (at end (not (q)))) (at end (not (p ?x)))))))"""
     )
-    assert [(moment.value, effect_text(effect)) for moment, effect in domain.action("a").effects] == [
+    assert [(timing.value, effect_text(effect)) for timing, effect in domain.action("a").effects] == [
         ("at end", "(forall (?x - object) (when (at start (and (p ?x) (q))) (when (not (q)) (not (p ?x)))))")
     ]
 
@@ -100,7 +100,7 @@ def test_built_effects():
     p = Atom("p")
     effect = ForEach(
         (Parameter("x", ("a", "b")),),
-        (When(Forall((), p), (Add(p), Delete(p))), Change(AssignOp.ASSIGN_CTS, p, (1.0,))),
+        (When(Forall((), p), (Add(p), Delete(p))), NumericEffect(AssignOp.ASSIGN_CTS, p, (1.0,))),
     )
     assert effect_text(effect) == (
         "(forall (?x - (either a b)) (and (when (forall () (p)) (and (p) (not (p)))) (increase (p) (* #t 1))))"

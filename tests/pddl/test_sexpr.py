@@ -4,12 +4,12 @@ import pytest
 
 from kbstore.errors import PddlSyntaxError
 from kbstore.pddl import sexpr
-from kbstore.pddl.sexpr import Group, Source, node_text
+from kbstore.pddl.sexpr import Group, SourceText, node_text
 
 
 def read(text):
     """A text as nested lists."""
-    return Source(text).read()
+    return SourceText(text).read()
 
 
 class TestReading:
@@ -36,7 +36,7 @@ class TestReading:
     @pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
     def test_line_ends(self, end):
         """Lines end as on Unix, Windows or old Macs, for comments and for places."""
-        source = Source(f"(a ; x{end} b{end} (c))")
+        source = SourceText(f"(a ; x{end} b{end} (c))")
         top = source.read()
         assert top == [["a", "b", ["c"]]]
         assert source.place(source.offset(top[0], 2)) == (3, 2)
@@ -64,7 +64,7 @@ class TestReading:
 class TestPlaces:
     def test_children(self):
         """Each child of a group has its place, whether word or group; beyond the last there is the closing bracket."""
-        source = Source("(aa (b) ; (x\n  cc)")
+        source = SourceText("(aa (b) ; (x\n  cc)")
         group = source.read()[0]
         assert [source.place(source.offset(group, index)) for index in range(5)] == [
             (1, 2),
@@ -77,13 +77,13 @@ class TestPlaces:
 
     def test_whole_text(self):
         """The children of the whole text have places, too."""
-        source = Source("a (b)\nc")
+        source = SourceText("a (b)\nc")
         top = source.read()
         assert [source.place(source.offset(top, index)) for index in range(3)] == [(1, 1), (1, 3), (2, 1)]
 
     def test_complaint_of_a_long_line(self):
         """Of a long line the part around the place is shown, with the mark under it."""
-        source = Source("(" + "x" * 1000 + " here " + "y" * 1000 + ")")
+        source = SourceText("(" + "x" * 1000 + " here " + "y" * 1000 + ")")
         text = source.complaint("wrong", 1002)
         _, shown, mark = text.split("\n")
         assert text.startswith("line 1, column 1003: wrong")
@@ -115,14 +115,14 @@ class TestBrackets:
 class TestOpening:
     def test_text(self):
         """What contains a bracket is PDDL text."""
-        assert Source.open("(define)").name is None
+        assert SourceText.open("(define)").name is None
 
     def test_path(self, tmp_path):
         """What contains none is a path; so is a path object, and the path of a file with a bracket in it."""
         path = tmp_path / "a (1).pddl"
         path.write_text("(b)")
         for given in (path, str(path)):
-            source = Source.open(given)
+            source = SourceText.open(given)
             assert (source.text, source.name) == ("(b)", str(path))
 
     @pytest.mark.parametrize("name", ["", "nowhere.pddl", "no text", "nul\0"])
@@ -130,21 +130,21 @@ class TestOpening:
         """A file that cannot be read is a clear refusal that names it."""
         monkeypatch.chdir(tmp_path)
         with pytest.raises(PddlSyntaxError, match="cannot read the file"):
-            Source.open(name)
+            SourceText.open(name)
 
     @pytest.mark.parametrize("given", [None, 7, b"(p)", ["(p)"]])
     def test_neither(self, given):
         """What is neither text nor a path is refused."""
         with pytest.raises(PddlSyntaxError, match="give the path"):
-            Source.open(given)
+            SourceText.open(given)
 
     def test_encodings(self, tmp_path):
         """UTF-8 with a byte order mark and Latin-1 are both read."""
         path = tmp_path / "x.pddl"
         path.write_bytes("\ufeff(ü)".encode())
-        assert Source.open(path).read() == Source.open("\ufeff(ü)").read() == [["ü"]]
+        assert SourceText.open(path).read() == SourceText.open("\ufeff(ü)").read() == [["ü"]]
         path.write_bytes("(ü)".encode("latin-1"))
-        assert Source.open(path).read() == [["ü"]]
+        assert SourceText.open(path).read() == [["ü"]]
 
     def test_group_is_a_list(self):
         """A group compares as the list of its parts."""

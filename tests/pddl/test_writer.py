@@ -5,10 +5,10 @@ from dataclasses import dataclass, field
 import pytest
 
 from kbstore.clock import seconds
-from kbstore.domain import Domain
 from kbstore.messages import Condition, Expression, Fact, Function, Goal, Inequality, Instance, KnowledgeItem
+from kbstore.model.domain import Domain
 from kbstore.pddl.domain_reader import read_domain
-from kbstore.pddl.forms import parse_item
+from kbstore.pddl.parse import parse_item
 from kbstore.pddl.problem_reader import read_problem
 from kbstore.pddl.writer import write_domain, write_problem
 

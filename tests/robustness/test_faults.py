@@ -14,7 +14,7 @@ import sqlalchemy as sa
 
 import kbstore
 from kbstore.errors import KbStoreError, StoreUnavailable
-from kbstore.storage.backup import backup
+from kbstore.transfer.backup import backup
 from tests.robustness.processes import finish, start
 from tests.storage.invariants import violations
 

@@ -451,13 +451,13 @@ def test_expected_effects_spell_names_as_first_written(open_kb, clock):
 def test_an_action_reads_all_that_its_effects_touch_at_once(depot, monkeypatch):
     """O2: applying to many objects asks the store no oftener than applying to a few."""
     asked = []
-    live = Repository.live
+    live = Repository.rows_for_update
 
     def counted(self, kind, *arguments):
         asked.append(kind)
         return live(self, kind, *arguments)
 
-    monkeypatch.setattr(Repository, "live", counted)
+    monkeypatch.setattr(Repository, "rows_for_update", counted)
     depot.add("(broken kenny)", "(broken robby)")
     asked.clear()
     depot.apply("reset")

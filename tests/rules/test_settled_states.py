@@ -6,9 +6,9 @@ import kbstore
 from kbstore import KnowledgeType
 from kbstore.clock import seconds
 from kbstore.evaluation.snapshot import Snapshot
-from kbstore.reading import pictures
-from kbstore.reading.pictures import Album, Picture
-from kbstore.timelines import Timeline
+from kbstore.model.timelines import Timeline
+from kbstore.reading import state_cache
+from kbstore.reading.state_cache import StateCache, StateData
 from tests.conftest import DOMAIN, OBJECTS, START
 
 LONGER = DOMAIN.replace("(raining)", "(raining) (foggy)")
@@ -91,13 +91,13 @@ def test_the_latest_moment_is_not_settled(kb, clock):
 def picture(t, size):
     """A picture with so many assertions."""
     rows = [(Timeline(n, 0, KnowledgeType.FACT, f"p o{n}", None), t, (False,)) for n in range(size)]
-    return Picture(Snapshot(t, rows, None, False), [], [])
+    return StateData(Snapshot(t, rows, None, False), [], [])
 
 
 def test_an_album_keeps_what_was_asked_for_last(monkeypatch):
     """It has room for so many assertions; those go that nobody asked for in the longest time."""
-    monkeypatch.setattr(pictures, "_KEPT", 30)
-    album = Album()
+    monkeypatch.setattr(state_cache, "_KEPT", 30)
+    album = StateCache()
     for t in (1, 2):
         album.put(t, picture(t, 9))
     assert album.find(1) is not None

@@ -11,9 +11,9 @@ from sqlalchemy.pool import SingletonThreadPool, StaticPool
 
 import kbstore
 from kbstore.errors import StoreUnavailable
+from kbstore.storage.connection import unavailable
 from kbstore.storage.database import Database
 from kbstore.storage.engine import make_engine
-from kbstore.storage.session import unavailable
 from kbstore.storage.statements import Statement
 
 PRAGMAS = ("journal_mode", "synchronous", "foreign_keys", "busy_timeout", "query_only")

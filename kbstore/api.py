@@ -1,0 +1,83 @@
+"""Opening a knowledge base in a store."""
+
+import os
+
+from sqlalchemy import Engine
+from sqlalchemy.engine import URL
+
+from kbstore.clock import Clock, duration
+from kbstore.errors import InvalidKnowledge
+from kbstore.knowledge_base import KnowledgeBase
+from kbstore.storage import queries, schema
+from kbstore.storage.database import Database
+from kbstore.storage.engine import BUSY_TIMEOUT
+from kbstore.writing.unit_of_work import TOLERANCE
+
+
+def open(
+    url: str | os.PathLike[str] | URL | Engine,
+    name: str = "default",
+    *,
+    clock: Clock | None = None,
+    use_unknowns: bool | None = None,
+    durability: str = "full",
+    validate: bool = True,
+    read_only: bool = False,
+    cache: bool = True,
+    tolerance: object = TOLERANCE,
+    busy_timeout: float = BUSY_TIMEOUT,
+) -> KnowledgeBase:
+    """Open a knowledge base, and create it if there is none of that name.
+
+    Args:
+        url: a SQLAlchemy URL, the path of an SQLite file, or an `Engine` of the caller's.
+        name: which world in the store: one robot, or one run.
+        clock: what tells now; the wall clock if None.
+        use_unknowns: whether absent reads as unknown (open world); set at creation and stored. None: as stored, and
+            a closed world for a new knowledge base.
+        durability: "full" keeps every acknowledged transaction through a loss of power; "normal" may lose the last.
+        validate: whether what is added must fit the domain.
+        read_only: whether writing is refused.
+        cache: whether answers are remembered: those about now until something changes (SQLite only), and the states of
+            the past that were asked for last.
+        tolerance: how far the clock may be behind the latest recorded time (a duration; rule T3).
+        busy_timeout: seconds to wait for a lock that others hold, before it is `StoreUnavailable`.
+
+    Raises:
+        SchemaOutOfDate, SchemaTooNew, SchemaUnknown: the database's schema is not this kbstore's.
+        StoreUnavailable: the database cannot be reached.
+        InvalidKnowledge: it was created with another `use_unknowns`, or the name cannot be one.
+    """
+    if not isinstance(name, str) or not name.strip() or not name.isprintable():
+        raise InvalidKnowledge(
+            f"{name!r:.80} cannot be the name of a knowledge base; give printable text, like 'kenny'"
+        )
+    database = Database(url, durability=durability, read_only=read_only, busy_timeout=busy_timeout)
+    try:
+        with database.translating():
+            schema.ensure(database.engine, read_only=read_only)
+        return KnowledgeBase(
+            database,
+            name,
+            clock=clock,
+            use_unknowns=use_unknowns,
+            validate=validate,
+            read_only=read_only,
+            cache=cache,
+            tolerance=duration(tolerance),
+        )
+    except BaseException:
+        database.close()
+        raise
+
+
+def knowledge_bases(url: str | os.PathLike[str] | URL | Engine) -> list[str]:
+    """The names of the knowledge bases in a store."""
+    database = Database(url, read_only=True)
+    try:
+        with database.translating():
+            schema.ensure(database.engine, read_only=True)
+        with database.reading() as session:
+            return [row[0] for row in session.all(queries.knowledge_base_names, {})]
+    finally:
+        database.close()

@@ -1,0 +1,206 @@
+"""Whole knowledge bases: ``kbs``, ``export``, ``import``, ``backup``, ``archive``, ``demo``."""
+
+import json
+import sys
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+import kbstore
+from kbstore.cli.options import TIMES, AsOf, At, Json, Kb, Now, Url, asked, at_time, store, told
+from kbstore.cli.output import answer, json_line, working
+from kbstore.cli.times import parse_time
+from kbstore.clock import ManualClock, isoformat
+from kbstore.demo import mission, tour
+from kbstore.knowledge_base import KnowledgeBase
+from kbstore.report import values
+from kbstore.report.tables import plural, table
+from kbstore.report.time_format import TimeFormat
+
+NewFile = Annotated[Path, typer.Argument(help="The file to make; it must not exist yet.", metavar="FILE")]
+Output = Annotated[
+    Path | None, typer.Option("--output", metavar="FILE", help="The file to make; standard output without it.")
+]
+
+
+class Format(StrEnum):
+    """What `export` writes."""
+
+    PDDL = "pddl"
+    JSON = "json"
+
+
+def kbs(url: Url = None, now: Now = None, as_json: Json = False) -> None:
+    """List the knowledge bases of the store.
+
+    Examples:
+        kbstore kbs --url robot.db
+    """
+    place = store(url)
+    found = []
+    for name in kbstore.knowledge_bases(place):
+        # by a clock that stands still, now is the latest time that is recorded
+        with kbstore.open(place, name, clock=ManualClock(), read_only=True) as kb:
+            latest = kb.state()
+            domain = None if latest.domain is None else latest.domain.name
+            found.append(
+                {
+                    "name": name,
+                    "domain": domain,
+                    "use_unknowns": kb.use_unknowns,
+                    **values.times(last_time=latest.at, history_from=kb.history_from),
+                    "objects": len(latest.instances),
+                    "facts": len(latest.facts),
+                }
+            )
+    moments = TimeFormat(parse_time(now or "now", kbstore.SystemClock().now()))
+    headings = ("name", "domain", "world", "last told", "", ">objects", ">facts")
+    rows = [
+        (
+            str(kb["name"]),
+            str(kb["domain"] or "none"),
+            "open" if kb["use_unknowns"] else "closed",
+            moments.absolute(kb["last_ns"]) if kb["last_ns"] else "never",
+            moments.relative(kb["last_ns"]) if kb["last_ns"] else "",
+            str(kb["objects"]),
+            str(kb["facts"]),
+        )
+        for kb in found
+    ]
+    answer(found, as_json=as_json, view=lambda: table("", headings, rows) if found else "no knowledge base yet")
+
+
+def export(
+    form: Annotated[Format, typer.Option("--format", help="pddl for a planner, json for everything.")] = Format.PDDL,
+    at: At = None,
+    as_of: AsOf = None,
+    domain: Annotated[bool, typer.Option("--domain", help="The domain, as it was loaded.")] = False,
+    output: Output = None,
+    url: Url = None,
+    kb: Kb = None,
+    now: Now = None,
+    as_json: Json = False,
+) -> None:
+    """Write the planning problem as of any time, or the whole knowledge base.
+
+    With --format json and no time, it is the knowledge base with all its history, as JSON Lines that import restores
+    exactly; with a time, the state at it. With --json, what is written (to --output) is reported in JSON.
+
+    Examples:
+        kbstore export --at -5m > problem.pddl
+        kbstore export --domain --output domain.pddl
+        kbstore export --format json --output kenny.jsonl
+    """
+    with asked(url, kb, now) as found:
+        t, belief = at_time(at, found), at_time(as_of, found)
+        if form is Format.JSON and t is None and belief is None and not domain:
+            written = _export_all(store(url), found.name, output)
+        else:
+            text = _exported(found, form, t, belief, domain=domain)
+            written = _write(text, output)
+    if output is not None:
+        report = {"file": str(output), **written}
+        said = ", ".join(f"{count:,} {what}" for what, count in written.items())
+        answer(report, as_json=as_json, view=lambda: f"{output}: {said}")
+
+
+def import_(
+    file: Annotated[Path, typer.Argument(help="What export --format json wrote.", metavar="FILE", exists=True)],
+    url: Url = None,
+    kb: Kb = None,
+    as_json: Json = False,
+) -> None:
+    """Restore a knowledge base, with every time, transaction and cancellation as it was; --kb gives it another name.
+
+    Examples:
+        kbstore import kenny.jsonl --url robot.db
+        kbstore import kenny.jsonl --url postgresql://server/fleet --kb ken
+    """
+    with working(f"importing {file.name}") as progress:
+        name = kbstore.import_knowledge_base(store(url), file, kb, progress=progress)
+    answer({"name": name, "file": str(file)}, as_json=as_json, view=lambda: f"{name} is restored from {file}")
+
+
+def backup(file: NewFile, url: Url = None, as_json: Json = False) -> None:
+    """Copy the whole store to a new SQLite file, consistent while writers go on.
+
+    Examples:
+        kbstore backup robot-2026-05-04.db --url robot.db
+    """
+    with working(f"copying to {file.name}") as progress:
+        kbstore.backup(store(url), file, progress=progress)
+    size = file.stat().st_size
+    answer({"file": str(file), "bytes": size}, as_json=as_json, view=lambda: f"{file}: {size:,} bytes")
+
+
+def archive(
+    file: Annotated[Path, typer.Argument(help="The SQLite file that takes the history.", metavar="FILE")],
+    before: Annotated[
+        str, typer.Option("--before", metavar="TIME", help=f"Up to which time. {TIMES}", show_default=False)
+    ],
+    url: Url = None,
+    kb: Kb = None,
+    now: Now = None,
+    as_json: Json = False,
+) -> None:
+    """Move history before a time out into a file, which can be asked like any other store.
+
+    Questions that need it are refused from then on. Interrupted, it goes on when it is run again.
+
+    Examples:
+        kbstore archive --before -90d kenny-history.db
+    """
+    with told(url, kb, now) as found, working(f"archiving to {file.name}") as progress:
+        done = found.archive(parse_time(before, found.now()), file, progress=progress)
+    report = {"file": str(done.path), "rows": done.rows, **values.times(history_from=done.history_from)}
+    said = (
+        f"{file}: {plural(done.rows, 'row')} moved; the store keeps what was from {isoformat(done.history_from)} on"
+        if done.rows
+        else f"there was nothing to archive; the store keeps what was from {isoformat(done.history_from)} on"
+    )
+    answer(report, as_json=as_json, view=lambda: said)
+
+
+def demo(
+    file: Annotated[Path | None, typer.Argument(help="The SQLite file to make; a new one here without it.")] = None,
+    as_json: Json = False,
+) -> None:
+    """Play a robot's morning into a new file, and ask it questions.
+
+    Examples:
+        kbstore demo
+        kbstore demo /tmp/kenny.db
+    """
+    if not as_json:
+        tour.run(file)
+        return
+    path = tour.unused(file)
+    with mission.record(f"sqlite:///{path}") as kb:
+        report = {"file": str(path), "name": kb.name, **values.times(last_time=kb.now())}
+    json_line(report)
+
+
+def _export_all(place: str, name: str, output: Path | None) -> dict[str, int]:
+    if output is None:
+        return {"rows": kbstore.export_knowledge_base(place, name, sys.stdout.buffer)}
+    with working(f"exporting {name}") as progress:
+        return {"rows": kbstore.export_knowledge_base(place, name, output, progress=progress)}
+
+
+def _exported(kb: KnowledgeBase, form: Format, at: int | None, as_of: int | None, *, domain: bool) -> str:
+    if domain:
+        return kb.domain_to_pddl()
+    if form is Format.PDDL:
+        return kb.to_pddl(at, as_of)
+    return json.dumps(values.plain(kb.state(at, as_of)), ensure_ascii=False, indent=2) + "\n"
+
+
+def _write(text: str, output: Path | None) -> dict[str, int]:
+    if output is None:
+        sys.stdout.write(text)
+    else:
+        with output.open("x", encoding="utf-8") as file:
+            file.write(text)
+    return {"bytes": len(text.encode())}

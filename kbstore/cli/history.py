@@ -1,0 +1,119 @@
+"""Questions over time: ``history``, ``when``, ``diff``, ``changes``."""
+
+from typing import Annotated
+
+import typer
+
+from kbstore.cli.options import TIMES, Json, Kb, Now, Since, Until, Url, asked, at_time
+from kbstore.cli.output import answer, console, json_line
+from kbstore.cli.query import Condition
+from kbstore.cli.times import parse_time
+from kbstore.knowledge_base import KnowledgeBase
+from kbstore.report import records
+from kbstore.report.tables import show
+from kbstore.report.time_format import TimeFormat
+from kbstore.report.values import each
+
+
+def history(
+    pattern: Annotated[str, typer.Argument(help="A fact, function or object in PDDL; ? matches any object.")],
+    since: Since = None,
+    until: Until = None,
+    url: Url = None,
+    kb: Kb = None,
+    now: Now = None,
+    as_json: Json = False,
+) -> None:
+    """List what was ever said of something: from when until when it stood, who said so, who ended or cancelled it.
+
+    Examples:
+        kbstore history "(robot_at kenny ?)"
+        kbstore history "(battery kenny)" --since -10m
+        kbstore history "? - parcel"
+    """
+    with asked(url, kb, now) as found:
+        listed = found.history(pattern, _beginning(since, found), at_time(until, found))
+        moments = TimeFormat(found.now())
+        answer(
+            each(listed),
+            as_json=as_json,
+            view=lambda: records.history_table(listed, moments) if listed else "nothing was said of it in that span",
+        )
+
+
+def when(
+    condition: Condition,
+    since: Since = None,
+    until: Until = None,
+    url: Url = None,
+    kb: Kb = None,
+    now: Now = None,
+    as_json: Json = False,
+) -> None:
+    """List the intervals in which a condition is true, exact to the nanosecond; until now, or --until.
+
+    Examples:
+        kbstore when "(open lab_door)"
+        kbstore when "(< (battery kenny) 20)" --since -1h
+        kbstore when "(open lab_door)" --since now --until +1h
+    """
+    with asked(url, kb, now) as found:
+        last = at_time(until, found)
+        spans = found.when(condition, _beginning(since, found), found.now() if last is None else last)
+        answer(spans, as_json=as_json, view=lambda: records.intervals_table(spans, TimeFormat(found.now())))
+
+
+def diff(
+    before: Annotated[str, typer.Argument(help=f"The earlier time. {TIMES}", metavar="TIME", show_default=False)],
+    after: Annotated[str, typer.Argument(help="The later time.", metavar="[TIME]")] = "now",
+    url: Url = None,
+    kb: Kb = None,
+    now: Now = None,
+    as_json: Json = False,
+) -> None:
+    """List what became true, became false, was withdrawn or changed between two times.
+
+    Examples:
+        kbstore diff -5m
+        kbstore diff 2026-05-04T08:59:00Z 2026-05-04T09:06:00Z
+    """
+    with asked(url, kb, now) as found:
+        t1, t2 = parse_time(before, found.now()), parse_time(after, found.now())
+        differs = found.diff(t1, t2)
+        answer(differs, as_json=as_json, view=lambda: records.diff_view(differs))
+
+
+def changes(
+    about: Annotated[
+        str | None,
+        typer.Argument(help="Only what matches this pattern: a fact, function or object.", metavar="PATTERN"),
+    ] = None,
+    after: Annotated[int, typer.Option("--after", metavar="N", help="Only what came after transaction N.", min=0)] = 0,
+    follow: Annotated[bool, typer.Option("--follow", help="Go on waiting for more, until Ctrl-C.")] = False,
+    url: Url = None,
+    kb: Kb = None,
+    now: Now = None,
+    as_json: Json = False,
+) -> None:
+    """List the transactions in order, with all that they did, and what took effect by the clock alone.
+
+    A plus marks what was asserted, a minus what ended, an x what was cancelled before it took effect.
+    With --json, one line for each.
+
+    Examples:
+        kbstore changes
+        kbstore changes "(robot_at kenny ?)" --after 100
+        kbstore changes --follow --json
+    """
+    with asked(url, kb, now) as found:
+        moments = TimeFormat(found.now())
+        for change in found.watch(about, after, timeout=None if follow else 0):
+            if as_json:
+                json_line(change)
+            else:
+                show(console(), records.change_view(change, moments))
+
+
+def _beginning(since: str | None, kb: KnowledgeBase) -> int:
+    """The time that --since names; without it, where the history that is kept begins."""
+    return kb.history_from if since is None else parse_time(since, kb.now())

@@ -1,0 +1,142 @@
+"""Questions about one moment: ``state``, ``holds``, ``value``, ``explain``, ``applicable``."""
+
+from typing import Annotated
+
+import typer
+
+from kbstore.cli.options import AsOf, At, Json, Kb, Now, Url, asked, at_time
+from kbstore.cli.output import answer
+from kbstore.messages import Truth, format_number
+from kbstore.report import records, states, values
+from kbstore.report.time_format import TimeFormat
+
+EXIT_CODES = {Truth.TRUE: 0, Truth.FALSE: 1, Truth.UNKNOWN: 3}
+"""The exit codes of ``holds``."""
+
+Condition = Annotated[
+    str, typer.Argument(help="A fact or a condition in PDDL; ? matches any object.", metavar="CONDITION")
+]
+
+
+def state(
+    at: At = None, as_of: AsOf = None, url: Url = None, kb: Kb = None, now: Now = None, as_json: Json = False
+) -> None:
+    """Show everything that stood, stands or is expected to stand at a time.
+
+    With --as-of, as it was believed at that time: what was scheduled then, and what ran, has its expected effects.
+
+    Examples:
+        kbstore state
+        kbstore state --at 2026-05-04T09:02:00Z --kb kenny
+        kbstore state --at +10m
+        kbstore state --at now --as-of -5m --json
+    """
+    with asked(url, kb, now) as found:
+        shown = found.state(at_time(at, found), at_time(as_of, found))
+        answer(
+            shown,
+            as_json=as_json,
+            view=lambda: states.state_view(shown, TimeFormat(shown.at if at is None else found.now())),
+        )
+
+
+def holds(
+    condition: Condition,
+    at: At = None,
+    as_of: AsOf = None,
+    url: Url = None,
+    kb: Kb = None,
+    now: Now = None,
+    as_json: Json = False,
+) -> None:
+    """Say whether a fact or a condition is true.
+
+    Exits with 0 if it is true, 1 if it is false, 3 if it is unknown.
+
+    Examples:
+        kbstore holds "(robot_at kenny lab)"
+        kbstore holds "(and (docked kenny) (>= (battery kenny) 20))" --at -10m
+        kbstore holds "(exists (?w - waypoint) (robot_at kenny ?w))"
+    """
+    with asked(url, kb, now) as found:
+        asking = found.state(at_time(at, found), at_time(as_of, found))
+        truth = asking.truth(condition)
+        report = {"condition": condition, "truth": str(truth), **values.at(asking)}
+        answer(report, as_json=as_json, view=lambda: str(truth))
+    raise typer.Exit(EXIT_CODES[truth])
+
+
+def value(
+    expression: Annotated[str, typer.Argument(help="A numeric function or expression in PDDL.", metavar="EXPRESSION")],
+    at: At = None,
+    as_of: AsOf = None,
+    url: Url = None,
+    kb: Kb = None,
+    now: Now = None,
+    as_json: Json = False,
+) -> None:
+    """Show the value of a numeric function or expression.
+
+    Examples:
+        kbstore value "(battery kenny)"
+        kbstore value "(- 100 (battery kenny))" --at -1h
+    """
+    with asked(url, kb, now) as found:
+        asking = found.state(at_time(at, found), at_time(as_of, found))
+        number = asking.value(expression)
+        report = {"expression": expression, "value": number, **values.at(asking)}
+        answer(report, as_json=as_json, view=lambda: format_number(number))
+
+
+def explain(
+    condition: Condition,
+    at: At = None,
+    as_of: AsOf = None,
+    url: Url = None,
+    kb: Kb = None,
+    now: Now = None,
+    as_json: Json = False,
+) -> None:
+    """Say why a fact or a condition is true, false or unknown, since when, and who made it so.
+
+    Examples:
+        kbstore explain "(open lab_door)"
+        kbstore explain "(and (docked kenny) (open lab_door))" --at -10m
+    """
+    with asked(url, kb, now) as found:
+        asking = found.state(at_time(at, found), at_time(as_of, found))
+        explanation = asking.explain(condition)
+        answer(
+            explanation,
+            as_json=as_json,
+            view=lambda: records.explanation_tree(explanation, TimeFormat(found.now())),
+        )
+
+
+def applicable(
+    operator: Annotated[str, typer.Argument(help="The name of an action of the domain.")],
+    arguments: Annotated[list[str] | None, typer.Argument(help="Its arguments, in order.", show_default=False)] = None,
+    at: At = None,
+    url: Url = None,
+    kb: Kb = None,
+    now: Now = None,
+    as_json: Json = False,
+) -> None:
+    """Say whether an action can be applied, and if not, what stands against it since when.
+
+    Exits with 0 if it can, 1 if it cannot.
+
+    Examples:
+        kbstore applicable drive kenny home office
+        kbstore applicable pass_door kenny lab_door corridor lab --at -10m
+    """
+    with asked(url, kb, now) as found:
+        names = arguments or []
+        judged = found.applicable(operator, *names, at=at_time(at, found))
+        action = f"({' '.join((operator, *names))})"
+        answer(
+            judged,
+            as_json=as_json,
+            view=lambda: records.applicability_view(action, judged, TimeFormat(found.now())),
+        )
+    raise typer.Exit(0 if judged else 1)

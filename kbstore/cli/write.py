@@ -1,0 +1,196 @@
+"""What changes a knowledge base: ``load``, ``add``, ``remove``, ``goal``, ``metric``."""
+
+import re
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from kbstore.cli.options import Client, Json, Kb, Note, Now, Starting, Url, asked, at_time, told
+from kbstore.cli.output import answer, working
+from kbstore.clock import isoformat
+from kbstore.errors import InvalidKnowledge
+from kbstore.model.results import Transaction
+from kbstore.report.tables import plural
+
+Items = Annotated[
+    list[str], typer.Argument(help="Knowledge in PDDL, each piece in quotes.", metavar="ITEM...", show_default=False)
+]
+Goals = Annotated[
+    list[str], typer.Argument(help="Goals in PDDL, each in quotes.", metavar="GOAL...", show_default=False)
+]
+
+
+def load(
+    files: Annotated[
+        list[Path],
+        typer.Argument(help="A domain, a problem, or both.", metavar="FILE...", exists=True, dir_okay=False),
+    ],
+    replace: Annotated[bool, typer.Option("--replace", help="Clear first, in the same transaction.")] = False,
+    client: Client = "",
+    note: Note = "",
+    url: Url = None,
+    kb: Kb = None,
+    now: Now = None,
+    as_json: Json = False,
+) -> None:
+    """Load a domain and a problem from PDDL files, in one transaction.
+
+    A problem adds to what stands. Its timed-initial knowledge is relative to now.
+
+    Examples:
+        kbstore --url robot.db --kb kenny load domain.pddl problem.pddl
+        kbstore load problem.pddl --replace --note "a new day"
+    """
+    domain, problem = _domain_and_problem(files)
+    with told(url, kb, now) as found, working(f"loading {' '.join(path.name for path in files)}"):
+        done = found.load(domain, problem, replace=replace, client=client, note=note)
+    _recorded(done, as_json)
+
+
+def add(
+    items: Items,
+    at: Starting = None,
+    client: Client = "",
+    note: Note = "",
+    url: Url = None,
+    kb: Kb = None,
+    now: Now = None,
+    as_json: Json = False,
+) -> None:
+    """Add knowledge: objects, facts of both signs, values of functions; all or nothing.
+
+    What is added --at a later time is scheduled: it is known now, and takes effect then.
+
+    Examples:
+        kbstore add "wp7 - waypoint" "(visited wp7)" --client mapper
+        kbstore add "(= (battery kenny) 80)"
+        kbstore add "(not (open lab_door))" --at +15m --note "closing time"
+        kbstore add "(increase (battery kenny) 5)"
+    """
+    with told(url, kb, now) as found:
+        done = found.add(*items, initial_time=at_time(at, found), client=client, note=note)
+    _recorded(done, as_json)
+
+
+def remove(
+    items: Items,
+    at: Starting = None,
+    client: Client = "",
+    note: Note = "",
+    url: Url = None,
+    kb: Kb = None,
+    now: Now = None,
+    as_json: Json = False,
+) -> None:
+    """Remove what matches; ? matches any object. An object takes with it what mentions it.
+
+    What is scheduled for a later time is cancelled by naming exactly that time with --at.
+
+    Examples:
+        kbstore remove "(carries kenny ?)"
+        kbstore remove "linen - parcel" --note "the patient was moved"
+        kbstore remove "(not (open lab_door))" --at 2026-05-04T09:10:00Z
+    """
+    with told(url, kb, now) as found:
+        done = found.remove(*items, initial_time=at_time(at, found), client=client, note=note)
+    _recorded(done, as_json)
+
+
+def goal_add(
+    goals: Goals,
+    at: Starting = None,
+    client: Client = "",
+    note: Note = "",
+    url: Url = None,
+    kb: Kb = None,
+    now: Now = None,
+    as_json: Json = False,
+) -> None:
+    """Add to the goal. A conjunction is split into its parts.
+
+    Examples:
+        kbstore goal add "(delivered blood lab)" "(docked kenny)"
+        kbstore goal add "(>= (battery kenny) 80)" --at +1h
+    """
+    with told(url, kb, now) as found:
+        done = found.add_goal(*goals, initial_time=at_time(at, found), client=client, note=note)
+    _recorded(done, as_json)
+
+
+def goal_remove(
+    goals: Goals,
+    at: Starting = None,
+    client: Client = "",
+    note: Note = "",
+    url: Url = None,
+    kb: Kb = None,
+    now: Now = None,
+    as_json: Json = False,
+) -> None:
+    """Remove from the goal; ? matches any object.
+
+    Examples:
+        kbstore goal remove "(delivered ? lab)"
+    """
+    with told(url, kb, now) as found:
+        done = found.remove_goal(*goals, initial_time=at_time(at, found), client=client, note=note)
+    _recorded(done, as_json)
+
+
+def metric(
+    text: Annotated[
+        str | None, typer.Argument(help="minimize or maximize, and an expression.", metavar="[METRIC]")
+    ] = None,
+    remove: Annotated[bool, typer.Option("--remove", help="Remove the metric.")] = False,
+    at: Starting = None,
+    client: Client = "",
+    note: Note = "",
+    url: Url = None,
+    kb: Kb = None,
+    now: Now = None,
+    as_json: Json = False,
+) -> None:
+    """Show the metric, set it, or remove it.
+
+    Examples:
+        kbstore metric
+        kbstore metric "minimize (total-time)"
+        kbstore metric --remove
+    """
+    if text is None and not remove:
+        with asked(url, kb, now) as found:
+            stands = found.metric(at=at_time(at, found))
+        answer(stands, as_json=as_json, view=lambda: str(stands) if stands else "there is no metric")
+        return
+    texts = [] if text is None else [text]
+    with told(url, kb, now) as found:
+        change = found.remove_metric if remove else found.add_metric
+        done = change(*texts, initial_time=at_time(at, found), client=client, note=note)
+    _recorded(done, as_json)
+
+
+def _recorded(done: Transaction, as_json: bool) -> None:
+    said = (
+        f"transaction {done.number} at {isoformat(done.time)}: {plural(done.changes, 'change')}"
+        if done.changes
+        else f"nothing changed; the latest transaction is still {done.number}"
+    )
+    answer(done, as_json=as_json, view=lambda: said)
+
+
+def _domain_and_problem(files: list[Path]) -> tuple[Path | None, Path | None]:
+    """Which of one or two files is a domain, and which a problem."""
+    problems = [path for path in files if _is_problem(path)]
+    domains = [path for path in files if path not in problems]
+    if len(problems) > 1 or len(domains) > 1:
+        kind = "problems" if len(problems) > 1 else "domains"
+        raise InvalidKnowledge(f"{' and '.join(map(str, files))} are {kind}; load one domain and one problem at most")
+    return next(iter(domains), None), next(iter(problems), None)
+
+
+def _is_problem(path: Path) -> bool:
+    """Whether a file begins as a problem does; what begins otherwise is left to the reader of domains to judge."""
+    with path.open(encoding="utf-8", errors="replace") as file:
+        start = re.sub(r";[^\n]*", "", file.read(100_000))
+    return re.match(r"\s*\(\s*define\s*\(\s*problem\b", start, re.IGNORECASE) is not None

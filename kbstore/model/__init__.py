@@ -1,0 +1,1 @@
+"""The PDDL model: formulas, actions, domains, timelines, and the results of questions."""

@@ -1,0 +1,235 @@
+"""The PDDL domain: what can be said, and whether something said fits."""
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import TypeVar, overload
+
+from kbstore.errors import UnknownSymbol
+from kbstore.messages import DomainFormula, DomainOperator, KeyValue
+from kbstore.model.actions import Action, operator_message
+from kbstore.model.formulas import Formula, Parameter
+from kbstore.names import key
+
+_Symbol = TypeVar("_Symbol")
+
+ROOT_TYPE = "object"
+"""The type above all others."""
+
+
+@dataclass(frozen=True)
+class Signature:
+    """A predicate or a numeric function with its parameters."""
+
+    name: str
+    parameters: tuple[Parameter, ...] = ()
+
+    @cached_property
+    def labels(self) -> tuple[str, ...]:
+        """The parameters' names in order."""
+        return tuple(parameter.name for parameter in self.parameters)
+
+    @cached_property
+    def formula(self) -> DomainFormula:
+        """The signature as a message."""
+        return DomainFormula(
+            name=self.name, typed_parameters=tuple(KeyValue(p.name, p.type_text) for p in self.parameters)
+        )
+
+    def __str__(self) -> str:
+        return self.formula.declaration()
+
+
+@dataclass(frozen=True)
+class DerivedRule:
+    """A rule for a derived predicate: the head's parameters are the variables of its condition."""
+
+    head: Signature
+    condition: Formula
+
+
+class DomainFormulas(tuple[DomainFormula, ...]):
+    """Formulas of the domain in its order; also found by name, whatever the case: ``predicates["robot_at"]``."""
+
+    __slots__ = ()
+
+    def __contains__(self, wanted: object) -> bool:
+        if isinstance(wanted, str):
+            return any(key(formula.name) == key(wanted) for formula in self)
+        return super().__contains__(wanted)
+
+    @overload  # type: ignore[override]
+    def __getitem__(self, wanted: int) -> DomainFormula: ...
+    @overload
+    def __getitem__(self, wanted: slice) -> tuple[DomainFormula, ...]: ...
+    @overload
+    def __getitem__(self, wanted: str) -> DomainFormula: ...
+    def __getitem__(self, wanted: int | slice | str) -> DomainFormula | tuple[DomainFormula, ...]:
+        if not isinstance(wanted, str):
+            return super().__getitem__(wanted)
+        for formula in self:
+            if key(formula.name) == key(wanted):
+                return formula
+        raise KeyError(wanted)
+
+
+@dataclass(frozen=True, eq=False)
+class Domain:
+    """What a PDDL domain declares. Mappings are by `kbstore.names.key`, unless said otherwise.
+
+    `types` maps each type's name, as written, to its parent's (to ``(either a b)`` where it has several);
+    `constants` each constant's name to its type.
+    """
+
+    name: str
+    types: Mapping[str, str] = field(default_factory=dict)
+    constants: Mapping[str, str] = field(default_factory=dict)
+    predicate_signatures: Mapping[str, Signature] = field(default_factory=dict)
+    function_signatures: Mapping[str, Signature] = field(default_factory=dict)
+    actions: Mapping[str, Action] = field(default_factory=dict)
+    rules: Mapping[str, tuple[DerivedRule, ...]] = field(default_factory=dict)
+    requirements: tuple[str, ...] = ()
+    sensed: frozenset[str] = frozenset()
+    source: str = ""
+
+    # -- what is declared -------------------------------------------------------------------------------------
+
+    @cached_property
+    def predicates(self) -> DomainFormulas:
+        """The predicates as messages, derived ones included."""
+        return DomainFormulas(signature.formula for signature in self.predicate_signatures.values())
+
+    @cached_property
+    def functions(self) -> DomainFormulas:
+        """The numeric functions as messages."""
+        return DomainFormulas(signature.formula for signature in self.function_signatures.values())
+
+    def predicate(self, name: str) -> DomainFormula:
+        """The predicate of that name. Raises `UnknownSymbol`."""
+        return self.predicate_signature(name).formula
+
+    def function(self, name: str) -> DomainFormula:
+        """The numeric function of that name. Raises `UnknownSymbol`."""
+        return self.function_signature(name).formula
+
+    def predicate_signature(self, name: str) -> Signature:
+        """The predicate's signature. Raises `UnknownSymbol`."""
+        return _find(self.predicate_signatures, name, "predicate", self.name)
+
+    def function_signature(self, name: str) -> Signature:
+        """The numeric function's signature. Raises `UnknownSymbol`."""
+        return _find(self.function_signatures, name, "function", self.name)
+
+    def symbol(self, name: str) -> DomainFormula:
+        """The predicate or numeric function of that name. Raises `UnknownSymbol`."""
+        symbols = {**self.function_signatures, **self.predicate_signatures}
+        return _find(symbols, name, "predicate or function", self.name).formula
+
+    def action(self, name: str) -> Action:
+        """The operator with all of its conditions and effects. Raises `UnknownSymbol`."""
+        return _find(self.actions, name, "operator", self.name)
+
+    def is_derived(self, name: str) -> bool:
+        """Whether a predicate is derived by rules."""
+        return key(name) in self.rules
+
+    def is_sensed(self, name: str) -> bool:
+        """Whether a predicate (or function) is marked as sensed. Raises `UnknownSymbol`."""
+        self.symbol(name)
+        return key(name) in self.sensed
+
+    def with_sensed(self, name: str, sensed: bool) -> "Domain":
+        """The domain with a predicate marked as sensed or not."""
+        self.is_sensed(name)
+        marks = self.sensed | {key(name)} if sensed else self.sensed - {key(name)}
+        return replace(self, sensed=frozenset(marks))
+
+    def marked(self, names: Iterable[str]) -> "Domain":
+        """The domain with exactly these predicates, by their keys, marked as sensed."""
+        return replace(self, sensed=frozenset(names))
+
+    # -- types ------------------------------------------------------------------------------------------------
+
+    @cached_property
+    def _parents(self) -> dict[str, tuple[str, ...]]:
+        return {key(name): type_keys(parent) for name, parent in self.types.items()}
+
+    @cached_property
+    def constant_types(self) -> dict[str, str]:
+        """The type of each constant, both as keys."""
+        return {key(name): key(type_name) for name, type_name in self.constants.items()}
+
+    @cached_property
+    def _constant_spellings(self) -> dict[str, str]:
+        return {key(name): name for name in self.constants}
+
+    def constant_spelling(self, name: str) -> str | None:
+        """A constant's name as the domain writes it; None if there is no such constant."""
+        return self._constant_spellings.get(key(name))
+
+    def knows_type(self, name: str) -> bool:
+        """Whether a type is declared; ``object`` always is."""
+        return key(name) == ROOT_TYPE or key(name) in self._parents
+
+    def type_spelling(self, name: str) -> str:
+        """A type's name as the domain writes it. Raises `UnknownSymbol`."""
+        if not self.knows_type(name):
+            known = ", ".join(self.types) or ROOT_TYPE
+            raise UnknownSymbol(f"the domain {self.name} has no type {name}; it has {known}")
+        return self._type_spellings.get(key(name), ROOT_TYPE)
+
+    @cached_property
+    def _type_spellings(self) -> dict[str, str]:
+        return {key(name): name for name in self.types}
+
+    def supertypes(self, name: str) -> Iterator[str]:
+        """The keys of a type and of all types above it, up to ``object``."""
+        waiting, seen = [key(name)], set[str]()
+        for type_key in waiting:
+            if type_key not in seen:
+                seen.add(type_key)
+                yield type_key
+                waiting.extend(self._parents.get(type_key, (ROOT_TYPE,)))
+
+    def is_subtype(self, name: str, of: Iterable[str]) -> bool:
+        """Whether a type is one of the types `of`, or below one."""
+        wanted = {key(type_name) for type_name in of}
+        return ROOT_TYPE in wanted or any(type_key in wanted for type_key in self.supertypes(name))
+
+    def subtypes(self, of: tuple[str, ...]) -> frozenset[str]:
+        """The keys of some types and of all below them."""
+        found = self._subtypes.get(of)
+        if found is None:
+            known = [*self._type_spellings, ROOT_TYPE]
+            found = self._subtypes[of] = frozenset(name for name in known if self.is_subtype(name, of))
+        return found
+
+    @cached_property
+    def _subtypes(self) -> dict[tuple[str, ...], frozenset[str]]:
+        return {}
+
+    # -- operators as messages --------------------------------------------------------------------------------
+
+    @cached_property
+    def operators(self) -> Mapping[str, DomainOperator]:
+        """The operators as messages, by name as written."""
+        return {action.name: operator_message(action, self.constants) for action in self.actions.values()}
+
+    def operator(self, name: str) -> DomainOperator:
+        """The operator as a message. Raises `UnknownSymbol`."""
+        return self.operators[self.action(name).name]
+
+
+def type_keys(type_text: str) -> tuple[str, ...]:
+    """The keys of the types that a type's text names: one, or those of an ``either``."""
+    return tuple(map(key, type_text.strip("()").split()[1:])) if type_text[:1] == "(" else (key(type_text),)
+
+
+def _find(symbols: Mapping[str, _Symbol], name: str, what: str, domain: str) -> _Symbol:
+    found = symbols.get(key(name))
+    if found is None:
+        known = ", ".join(getattr(symbol, "name", "?") for symbol in symbols.values())
+        raise UnknownSymbol(
+            f"the domain {domain} has no {what} {name}; " + (f"it has {known}" if known else "it has none")
+        )
+    return found

@@ -1,0 +1,201 @@
+"""The abstract syntax of PDDL's formulas: terms, expressions, conditions and effects.
+
+Names stand here as they were written; whoever compares them does so by `kbstore.names.key`. Arguments that begin
+with ``?`` are variables; a bare ``?`` (or a free variable in a question) matches any object (rule V7).
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from enum import Enum
+
+from kbstore.messages.enums import AssignOp, ComparisonType, Operator, SpecialType
+
+
+@dataclass(frozen=True, slots=True)
+class Atom:
+    """A predicate or a numeric function with its arguments."""
+
+    name: str
+    arguments: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        return f"({' '.join((self.name, *self.arguments))})"
+
+
+Token = float | Atom | Operator | SpecialType
+"""A number, a function's term, an operator, or a special number."""
+
+NumericExpression = tuple[Token, ...]
+"""A numeric expression in prefix order; a flat tuple, so that no depth of nesting needs a deep stack."""
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """A typed variable: ``?wp - waypoint`` is ``Parameter("wp", ("waypoint",))``; several types are an ``either``."""
+
+    name: str
+    types: tuple[str, ...] = ("object",)
+
+    @property
+    def type_text(self) -> str:
+        """The type in PDDL: ``waypoint`` or ``(either robot truck)``."""
+        return self.types[0] if len(self.types) == 1 else f"(either {' '.join(self.types)})"
+
+
+@dataclass(frozen=True, slots=True)
+class Truism:
+    """The empty condition ``()`` or ``(and)``, which is always true."""
+
+
+@dataclass(frozen=True, slots=True)
+class Not:
+    """Negation."""
+
+    part: "Formula"
+
+
+@dataclass(frozen=True, slots=True)
+class And:
+    """Conjunction; of no parts, true."""
+
+    parts: tuple["Formula", ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Or:
+    """Disjunction; of no parts, false."""
+
+    parts: tuple["Formula", ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Imply:
+    """Material implication."""
+
+    premise: "Formula"
+    conclusion: "Formula"
+
+
+@dataclass(frozen=True, slots=True)
+class Exists:
+    """Some objects of the parameters' types make the part true."""
+
+    parameters: tuple[Parameter, ...]
+    part: "Formula"
+
+
+@dataclass(frozen=True, slots=True)
+class Forall:
+    """All objects of the parameters' types make the part true."""
+
+    parameters: tuple[Parameter, ...]
+    part: "Formula"
+
+
+@dataclass(frozen=True, slots=True)
+class Same:
+    """``(= a b)`` between two objects or variables."""
+
+    left: str
+    right: str
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """A comparison of two numeric expressions."""
+
+    comparison: ComparisonType
+    left: NumericExpression
+    right: NumericExpression
+
+
+@dataclass(frozen=True, slots=True)
+class Defined:
+    """Whether a numeric function has a value (a FUNCTION item without one, rule V7)."""
+
+    function: Atom
+
+
+@dataclass(frozen=True, slots=True)
+class IsA:
+    """Whether an object exists and is of a type: ``wp7 - waypoint`` asked as a question; no type asks for existence."""
+
+    name: str
+    type_name: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Preference:
+    """``(preference name condition)``; as a condition it is its part."""
+
+    name: str
+    part: "Formula"
+
+
+Formula = Atom | Truism | Not | And | Or | Imply | Exists | Forall | Same | Comparison | Defined | IsA | Preference
+
+
+class Timing(Enum):
+    """The part of a durative action that a condition or an effect belongs to."""
+
+    AT_START = "at start"
+    OVER_ALL = "over all"
+    AT_END = "at end"
+
+
+@dataclass(frozen=True, slots=True)
+class Add:
+    """The effect that a fact becomes true."""
+
+    atom: Atom
+
+
+@dataclass(frozen=True, slots=True)
+class Delete:
+    """The effect that a fact ceases to be true."""
+
+    atom: Atom
+
+
+@dataclass(frozen=True, slots=True)
+class NumericEffect:
+    """A numeric effect; a continuous one (`ASSIGN_CTS`) adds `value` per second to the function's rate."""
+
+    operation: AssignOp
+    function: Atom
+    value: NumericExpression
+
+
+@dataclass(frozen=True, slots=True)
+class When:
+    """A conditional effect."""
+
+    condition: Formula
+    effects: tuple["Effect", ...]
+
+
+@dataclass(frozen=True, slots=True)
+class WhenAtStart:
+    """A conditional effect of a durative action's end, or a continuous one, whose condition is one of its start.
+
+    The condition is evaluated at the start, in the state before the at-start effects, and counts as it was then.
+    """
+
+    condition: Formula
+    effects: tuple["Effect", ...]
+
+
+@dataclass(frozen=True, slots=True)
+class ForEach:
+    """A universal effect: ``forall`` among the effects."""
+
+    parameters: tuple[Parameter, ...]
+    effects: tuple["Effect", ...]
+
+
+Effect = Add | Delete | NumericEffect | When | WhenAtStart | ForEach
+
+
+def atoms_of(expression: NumericExpression) -> Iterator[Atom]:
+    """The functions that an expression reads."""
+    return (token for token in expression if isinstance(token, Atom))

@@ -1,0 +1,132 @@
+"""What symbols mean at a moment: the domain's declarations, or, without a domain, the shapes of their first use."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import NamedTuple
+
+from kbstore.errors import InvalidKnowledge, UnknownSymbol
+from kbstore.messages import KnowledgeType
+from kbstore.model.domain import Domain, Signature
+from kbstore.names import key
+
+
+class InferredSignature(NamedTuple):
+    """What a knowledge base without a domain keeps of a symbol (rule D2); unlabelled until labels are first given."""
+
+    name: str
+    arity: int
+    labels: tuple[str, ...] | None
+
+
+_WORDS = {KnowledgeType.FACT: "predicate", KnowledgeType.FUNCTION: "function"}
+
+
+@dataclass
+class SymbolTable:
+    """The symbols that items may use. `shapes` counts only where there is no domain."""
+
+    domain: Domain | None = None
+    shapes: dict[tuple[KnowledgeType, str], InferredSignature] = field(default_factory=dict)
+
+    def signature(self, kind: KnowledgeType, name: str) -> Signature | None:
+        """The domain's declaration of a predicate or function; None without a domain. Raises `UnknownSymbol`."""
+        if self.domain is None:
+            return None
+        if kind is KnowledgeType.FACT:
+            return self.domain.predicate_signature(name)
+        return self.domain.function_signature(name)
+
+    def labels(self, kind: KnowledgeType, name: str, arity: int) -> Sequence[str]:
+        """The labels that the arguments of a stored atom are shown with."""
+        if self.domain is not None:
+            symbols = (
+                self.domain.predicate_signatures if kind is KnowledgeType.FACT else self.domain.function_signatures
+            )
+            signature = symbols.get(name)
+            if signature is not None and len(signature.labels) == arity:
+                return signature.labels
+        shape = self.shapes.get((kind, name))
+        if shape is not None and shape.labels is not None and len(shape.labels) == arity:
+            return shape.labels
+        return _numbered(arity)
+
+    def is_function(self, name: str) -> bool:
+        """Whether a name is that of a numeric function, and not of a predicate."""
+        if self.domain is not None:
+            return key(name) in self.domain.function_signatures and key(name) not in self.domain.predicate_signatures
+        shapes = self.shapes
+        return (KnowledgeType.FUNCTION, key(name)) in shapes and (KnowledgeType.FACT, key(name)) not in shapes
+
+    def known(self, kind: KnowledgeType, name: str) -> bool:
+        """Whether a predicate or function may be asked about: without a domain, whatever there is."""
+        try:
+            self.signature(kind, name)
+        except UnknownSymbol:
+            return False
+        return True
+
+    def ordered(
+        self, kind: KnowledgeType, name: str, arguments: Sequence[str], labels: Sequence[str]
+    ) -> tuple[str, tuple[str, ...]]:
+        """The symbol as it is spelled, and the arguments in the order of its parameters.
+
+        Raises `UnknownSymbol` for a symbol that the domain does not know, `InvalidKnowledge` for a wrong number of
+        arguments or for labels that are not those of the parameters (rules D1, D2).
+        """
+        atom = f"({' '.join((name, *arguments))})"
+        signature = self.signature(kind, name)
+        if signature is not None:
+            spelled, known, declared = signature.name, signature.labels, str(signature)
+        else:
+            shape = self.shapes.get((kind, key(name)))
+            if shape is None:
+                _refuse_repeated(atom, labels)
+                return name, tuple(arguments)
+            spelled, known = shape.name, shape.labels or _numbered(shape.arity)
+            declared = f"{shape.name} was first used with {_count(shape.arity, 'argument')}"
+            if shape.labels is not None:
+                declared += f", labelled {', '.join(shape.labels)}"
+            if shape.labels is None and len(arguments) == shape.arity:
+                _refuse_repeated(atom, labels)
+                return spelled, tuple(arguments)
+        if len(arguments) != len(known):
+            raise InvalidKnowledge(
+                f"{atom}: the {_WORDS[kind]} {spelled} takes {_count(len(known), 'argument')}, "
+                f"not {len(arguments)}: {declared}"
+            )
+        if not any(labels):
+            return spelled, tuple(arguments)
+        by_label = dict(zip(map(key, labels), arguments, strict=True))
+        wanted = [key(label) for label in known]
+        if sorted(map(key, labels)) != sorted(wanted):
+            given = ", ".join(label or "(none)" for label in labels)
+            raise InvalidKnowledge(f"{atom}: its labels are {given}; expected {', '.join(known)}: {declared}")
+        return spelled, tuple(by_label[label] for label in wanted)
+
+    def learn(self, kind: KnowledgeType, name: str, arity: int, labels: Sequence[str]) -> InferredSignature | None:
+        """Keep the shape of a symbol's first use, and its first labels; the shape if that is new."""
+        if self.domain is not None:
+            return None
+        known = self.shapes.get((kind, key(name)))
+        given = tuple(labels) if labels and all(labels) else None
+        if known is not None and (known.labels is not None or given is None):
+            return None
+        shape = InferredSignature(known.name if known else name, arity, given)
+        self.shapes[kind, key(name)] = shape
+        return shape
+
+
+@lru_cache(maxsize=64)
+def _numbered(arity: int) -> tuple[str, ...]:
+    return tuple(f"arg{index + 1}" for index in range(arity))
+
+
+def _refuse_repeated(atom: str, labels: Sequence[str]) -> None:
+    given = [key(label) for label in labels if label]
+    if len(set(given)) != len(given):
+        raise InvalidKnowledge(f"{atom}: a label is given twice: {', '.join(given)}")
+
+
+def _count(number: int, noun: str) -> str:
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"

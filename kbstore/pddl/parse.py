@@ -1,0 +1,152 @@
+"""The text forms of knowledge and questions: from text to items and formulas, and between items and formulas."""
+
+from kbstore.errors import InvalidKnowledge
+from kbstore.evaluation.rules import walk
+from kbstore.messages import ComparisonType, Fact, Function, Goal, Inequality, Instance, KnowledgeItem
+from kbstore.messages import Condition as ConditionMessage
+from kbstore.model.domain import Domain, Signature
+from kbstore.model.expressions import from_composite
+from kbstore.model.formulas import Atom, Comparison, Defined, Formula, IsA, Not, NumericExpression
+from kbstore.names import key
+from kbstore.pddl.conditions import ConditionReader, conjuncts
+from kbstore.pddl.expressions import read_expression
+from kbstore.pddl.item_reader import ItemReader, fact_of
+from kbstore.pddl.printer import condition_text
+from kbstore.pddl.scope import Scope, arity_problem
+from kbstore.pddl.sexpr import Group, SourceText, node_text
+
+__all__ = [
+    "condition_of",
+    "from_composite",
+    "goals_of",
+    "parse_condition",
+    "parse_expression",
+    "parse_item",
+]
+
+
+def parse_item(text: str, domain: Domain | None = None) -> KnowledgeItem:
+    """The item that a text says.
+
+    Reads ``wp7 - waypoint``, ``(p a b)``, ``(not (p a b))``, ``(= (f a) 3.5)``, ``(increase (f a) 2)`` and its like,
+    ``(increase (f a) (* #t 2))`` (a rate), ``(> (f a) (+ (g) 32))``, ``minimize (total-time)``; and where the domain
+    says that f is a numeric function, ``(f a)``, which asks whether it is defined. With a domain the arguments get
+    their labels; whether they fit is checked where the item is stored.
+
+    Raises:
+        PddlSyntaxError: for what cannot be read.
+        InvalidKnowledge: for what can be read, but is not an item.
+    """
+    source = SourceText(text)
+    return ItemReader(Scope(source, domain, patterns=True)).read(source.read())
+
+
+def parse_condition(text: str, domain: Domain | None = None) -> Formula:
+    """The condition that a text says.
+
+    ``?`` and ``?name`` in facts are patterns where no quantifier binds them (rule V7). ``(= (f a) 3)`` compares;
+    ``wp7 - waypoint`` asks for an object.
+
+    Raises:
+        PddlSyntaxError: for what cannot be read, and for conditions nested too deep.
+        UnknownSymbol: for a predicate, function or type that the domain does not have.
+        InvalidKnowledge: for a wrong number of arguments, and for a free variable in a comparison.
+    """
+    source = SourceText(text)
+    context = Scope(source, domain, patterns=True)
+    top = source.read()
+    if len(top) == 1 and isinstance(top[0], Group):
+        return ConditionReader(context).read(top[0])
+    item = ItemReader(context).read(top)
+    if isinstance(item, Instance):
+        return condition_of(item, domain)
+    raise context.error(f"{node_text(top, 60)} is no condition; a condition stands in brackets", top, 0)
+
+
+def parse_expression(text: str, domain: Domain | None = None) -> NumericExpression:
+    """The numeric expression that a text says, like ``(+ (battery kenny) 5)``, of any depth.
+
+    Raises `PddlSyntaxError`; with a domain also `UnknownSymbol` and `InvalidKnowledge`, as `parse_condition` does.
+    """
+    source = SourceText(text)
+    context = Scope(source, domain, patterns=True)
+    top = source.read()
+    if len(top) != 1:
+        raise context.error(f"one numeric expression is expected, not {len(top)}", top, min(1, len(top)))
+    return read_expression(context, top, 0)
+
+
+def condition_of(item: KnowledgeItem | ConditionMessage, domain: Domain | None = None) -> Formula:
+    """The question that an item is (rule V7): whether it holds.
+
+    With a domain, its labels may come in any order. Raises `UnknownSymbol`, and `InvalidKnowledge` for labels or a
+    number of arguments that do not fit, and for a metric, which cannot be asked this way.
+    """
+    if isinstance(item, ConditionMessage):
+        return parse_condition(item.text, domain)
+    condition: Formula
+    match item:
+        case Fact():
+            condition = _arranged(item, domain.predicate_signature(item.attribute_name) if domain else None)
+        case Function():
+            atom = _arranged(item, domain.function_signature(item.attribute_name) if domain else None)
+            if item.function_value is None:
+                condition = Defined(atom)
+            else:
+                condition = Comparison(ComparisonType.EQUALS, (atom,), (item.function_value,))
+        case Inequality():
+            left, right = from_composite(item.ineq.LHS), from_composite(item.ineq.RHS)
+            condition = Comparison(item.ineq.comparison_type, left, right)
+        case Instance():
+            if domain and item.instance_type:
+                domain.type_spelling(item.instance_type)
+            condition = IsA(item.instance_name or "?", item.instance_type)
+        case _:
+            raise InvalidKnowledge(
+                f"the metric {item} is no question; ask for the metric, or for the value of {item.expr}"
+            )
+    return Not(condition) if item.is_negative else condition
+
+
+def goals_of(condition: Formula, domain: Domain | None = None) -> list[Goal]:
+    """The parts of a goal (rule C10): facts, negative facts, inequalities, and what is none of these as a condition.
+
+    Raises `InvalidKnowledge` for what no planner can be asked for: that an object exists, or a function is defined.
+    """
+    items = ItemReader(Scope(SourceText(""), domain))
+    return [goal_of(part, items) for part in conjuncts(condition)]
+
+
+def goal_of(part: Formula, items: ItemReader) -> Goal:
+    """One part of a goal. Raises `InvalidKnowledge` as `goals_of` does."""
+    positive = part.part if isinstance(part, Not) else part
+    match positive:
+        case Atom():
+            return fact_of(positive, items.predicate(positive.name), positive is not part)
+        case Comparison():
+            return items.inequality(positive, positive is not part)
+    for occurrence in walk(part, {}):
+        if isinstance(occurrence.node, IsA | Defined):
+            raise InvalidKnowledge(
+                f"{condition_text(occurrence.node)} can be asked, but is no goal: a goal is about facts and values, "
+                "not about what exists or is defined"
+            )
+    return ConditionMessage(text=condition_text(part))
+
+
+def _arranged(item: Fact | Function, signature: Signature | None) -> Atom:
+    """The item's atom, its arguments in the signature's order; an empty argument is written ``?``."""
+    arguments = tuple(argument or "?" for argument in item.arguments)
+    if signature is None:
+        return Atom(item.attribute_name, arguments)
+    if len(arguments) != len(signature.parameters):
+        raise InvalidKnowledge(arity_problem(Atom(item.attribute_name, arguments), signature))
+    if not any(item.labels):
+        return Atom(item.attribute_name, arguments)
+    by_label = {key(label): argument for label, argument in zip(item.labels, arguments, strict=True)}
+    if len(by_label) != len(arguments) or by_label.keys() != set(map(key, signature.labels)):
+        given = ", ".join(label or "(none)" for label in item.labels)
+        raise InvalidKnowledge(
+            f"the labels of {item.text} are {given}, but {signature} has {', '.join(signature.labels)}"
+        )
+    return Atom(item.attribute_name, tuple(by_label[key(label)] for label in signature.labels))

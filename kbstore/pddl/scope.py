@@ -1,0 +1,240 @@
+"""What names mean where a formula stands, and what becomes of one that means nothing there."""
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+
+from kbstore.errors import InvalidKnowledge, KbStoreError, PddlSyntaxError, UnknownSymbol
+from kbstore.model.domain import Domain, Signature
+from kbstore.model.formulas import Atom, Parameter
+from kbstore.names import is_wildcard, key
+from kbstore.pddl.sexpr import Group, SourceText, bounded, node_text
+
+Variables = Mapping[str, tuple[str, ...]]
+"""The variables that are bound where a formula stands (keys, without ``?``), each with its types."""
+
+Report = Callable[[type[KbStoreError], str, int], None]
+"""What becomes of something that can be read but does not fit: its kind of error, a sentence, an offset."""
+
+NO_VARIABLES: Variables = {}
+_LISTED = 12
+
+
+@dataclass
+class Scope:
+    """The text that is read, and what its names may refer to.
+
+    Without `domain` every predicate, function and type is known. `objects` maps the objects that may be named to
+    their types (both as keys); without it any object may be named. Of `patterns`, which questions are, free variables
+    match any object (rule V7), and functions and objects may stand for conditions.
+    """
+
+    source: SourceText
+    domain: Domain | None = None
+    objects: Mapping[str, str] | None = None
+    report: Report | None = None
+    patterns: bool = False
+    complaints: int = 0
+    _fits: dict[tuple[tuple[str, ...], tuple[str, ...], bool], bool] = field(default_factory=dict)
+
+    def error(self, problem: str, group: Group, index: int | None = None) -> PddlSyntaxError:
+        """The refusal of what is not PDDL, with its place: of a group, or of its child of that index."""
+        return self.source.error(problem, self.source.offset(group, index))
+
+    def complain(self, kind: type[KbStoreError], problem: str, group: Group, index: int | None = None) -> None:
+        """Report what is PDDL but does not fit; in a question it is raised at once."""
+        self.complain_at(kind, problem, -1 if self.report is None else self.source.offset(group, index))
+
+    def complain_at(self, kind: type[KbStoreError], problem: str, offset: int) -> None:
+        """Report what does not fit at an offset."""
+        self.complaints += 1
+        if self.report is None:
+            raise kind(bounded(problem))
+        self.report(kind, problem, offset)
+
+    # -- words ------------------------------------------------------------------------------------------------
+
+    def name(self, group: Group, index: int, what: str) -> str:
+        """The word at a place, as written: the name of `what` ("predicate"), which has to stand there."""
+        if index >= len(group):
+            raise self.error(f"the name of the {what} is missing", group, index)
+        node = group[index]
+        if isinstance(node, Group):
+            raise self.error(f"the name of a {what} is expected here, not {node_text(node, 60)}", group, index)
+        return node
+
+    def words(self, group: Group, start: int) -> tuple[str, ...]:
+        """The words of a group from a place on: names of objects or variables."""
+        for index in range(start, len(group)):
+            if isinstance(group[index], Group):
+                raise self.error(
+                    f"the arguments of {group.word(0)} are names of objects or variables, not "
+                    f"{node_text(group[index], 60)}; functions whose value is an object cannot be read",
+                    group,
+                    index,
+                )
+        return tuple(group[start:])  # type: ignore[arg-type]
+
+    # -- symbols ----------------------------------------------------------------------------------------------
+
+    def predicate(self, name: str, group: Group) -> Signature | None:
+        """The predicate of that name; None, with a complaint, if the domain has none."""
+        if self.domain is None:
+            return None
+        found = self.domain.predicate_signatures.get(key(name))
+        if found is None:
+            if key(name) in self.domain.function_signatures:
+                problem = (
+                    f"{name:.80} is a numeric function, not a predicate; compare its value, as in (> ({name:.80}) 0)"
+                )
+            else:
+                problem = _unknown("predicate", name, self.domain, self.domain.predicate_signatures.values())
+            self.complain(UnknownSymbol, problem, group, 0)
+        return found
+
+    def function(self, name: str, group: Group, index: int | None = 0) -> Signature | None:
+        """The numeric function of that name; None, with a complaint, if the domain has none."""
+        if self.domain is None:
+            return None
+        found = self.domain.function_signatures.get(key(name))
+        if found is None:
+            if key(name) in self.domain.predicate_signatures:
+                problem = f"{name:.80} is a predicate, not a numeric function, and has no value"
+            else:
+                problem = _unknown("numeric function", name, self.domain, self.domain.function_signatures.values())
+            self.complain(UnknownSymbol, problem, group, index)
+        return found
+
+    def is_predicate(self, name: str) -> bool:
+        """Whether the domain declares a predicate of that name."""
+        return self.domain is not None and key(name) in self.domain.predicate_signatures
+
+    def is_function(self, name: str) -> bool:
+        """Whether the domain knows the name as that of a numeric function, and of nothing else."""
+        return (
+            self.domain is not None
+            and key(name) in self.domain.function_signatures
+            and key(name) not in self.domain.predicate_signatures
+        )
+
+    def is_bare_function(self, word: str) -> bool:
+        """Whether a word is a numeric function without parameters, as in the old spelling ``(= total-cost 0)``."""
+        if self.domain is None or self.is_object(word):
+            return False
+        found = self.domain.function_signatures.get(key(word))
+        return found is not None and not found.parameters
+
+    def is_object(self, word: str) -> bool:
+        """Whether a word is known to be an object."""
+        return self.objects is not None and key(word) in self.objects
+
+    def type_name(self, name: str, group: Group, index: int) -> str:
+        """A type in the domain's spelling; an unknown one is complained of."""
+        if self.domain is None:
+            return name
+        if not self.domain.knows_type(name):
+            known = ", ".join(list(self.domain.types)[:_LISTED]) or "none but object"
+            problem = f"the type {name:.80} is not declared; the domain {self.domain.name} has {known}"
+            self.complain(UnknownSymbol, problem, group, index)
+            return name
+        return self.domain.type_spelling(name)
+
+    def knows_type(self, name: str) -> bool:
+        """Whether a word is certainly a type."""
+        return self.domain is not None and self.domain.knows_type(name)
+
+    def unglued(self, group: Group) -> Group:
+        """The group, with a variable split off that is glued to its predicate, as in ``(aircraft?a)``."""
+        head = group.word(0)
+        if "?" not in head[1:] or self.domain is None or self.is_predicate(head):
+            return group
+        name, _, variable = str(group[0]).partition("?")
+        if not self.is_predicate(name):
+            return group
+        split = Group([name, f"?{variable}", *group[1:]])
+        split.start = group.start
+        return split
+
+    # -- atoms ------------------------------------------------------------------------------------------------
+
+    def atom(
+        self, group: Group, signature: Signature | None, variables: Variables = NO_VARIABLES, *, asserted: bool = False
+    ) -> Atom:
+        """The atom that a group is, with its arguments checked against the signature.
+
+        Where it is `asserted`, in an effect, a variable has to be of the parameter's type; where it is asked, it may
+        be of a type above, as some of its values may fit.
+        """
+        atom = Atom(str(group[0]), self.words(group, 1))
+        if signature is not None and len(atom.arguments) != len(signature.parameters):
+            self.complain(InvalidKnowledge, arity_problem(atom, signature), group)
+            signature = None
+        for index, argument in enumerate(atom.arguments, 1):
+            parameter = signature.parameters[index - 1] if signature else None
+            problem = self.misfit(argument, variables, parameter, asserted=asserted)
+            if problem:
+                declared = f"; it is declared {signature}" if signature else ""
+                self.complain(InvalidKnowledge, f"{node_text(group, 80)}: {problem}{declared}", group, index)
+        return atom
+
+    def misfit(
+        self, argument: str, variables: Variables, parameter: Parameter | None = None, *, asserted: bool = False
+    ) -> str | None:
+        """What is wrong with an argument in the place of `parameter`; None if nothing."""
+        if is_wildcard(argument):
+            types = variables.get(key(argument[1:]))
+            if types is None:
+                return None if self.patterns else _unbound(argument, variables)
+        elif self.objects is None:
+            return None
+        elif key(argument) in self.objects:
+            types = (self.objects[key(argument)],)
+            asserted = True
+        else:
+            return f"{argument:.80} is not a declared object or constant"
+        if parameter is None or self.domain is None or self.patterns:
+            return None
+        if self._fit(types, parameter.types, asserted):
+            return None
+        return f"{argument:.80} is of type {Parameter('', types).type_text}, but {parameter.type_text} is expected"
+
+    def _fit(self, types: tuple[str, ...], wanted: tuple[str, ...], asserted: bool) -> bool:
+        question = (types, wanted, asserted)
+        if question not in self._fits:
+            self._fits[question] = self.domain is None or _fit(self.domain, *question)
+        return self._fits[question]
+
+
+def _fit(domain: Domain, types: tuple[str, ...], wanted: tuple[str, ...], asserted: bool) -> bool:
+    if all(domain.is_subtype(type_name, wanted) for type_name in types):
+        return True
+    return not asserted and any(
+        domain.is_subtype(one, wanted) or any(domain.is_subtype(other, (one,)) for other in wanted) for one in types
+    )
+
+
+def fail_at_once(source: SourceText) -> Report:
+    """A `Report` for texts in which nothing may be amiss: raises `PddlSyntaxError` with the place."""
+
+    def report(_kind: type[KbStoreError], problem: str, offset: int) -> None:
+        raise source.error(problem, offset)
+
+    return report
+
+
+def arity_problem(atom: Atom, signature: Signature) -> str:
+    """The sentence for a wrong number of arguments."""
+    given = len(atom.arguments)
+    counted = f"{given} argument" if given == 1 else f"{given} arguments"
+    return f"{atom!s:.80} has {counted}, but {signature} takes {len(signature.parameters)}"
+
+
+def _unbound(variable: str, variables: Variables) -> str:
+    if not variables:
+        return f"{variable:.80} is a variable, but an object is expected here"
+    return f"the variable {variable:.80} is not declared here; there are {', '.join(f'?{name}' for name in variables)}"
+
+
+def _unknown(what: str, name: str, domain: Domain, known: Iterable[Signature]) -> str:
+    names = [signature.name for signature in known]
+    listed = ", ".join(names[:_LISTED]) + (f" and {len(names) - _LISTED} more" if len(names) > _LISTED else "")
+    return f"the domain {domain.name} has no {what} {name:.80}; it has {listed or 'none'}"

@@ -1,0 +1,99 @@
+"""What stands on timelines, as the items that messages carry."""
+
+from collections.abc import Iterable
+
+from kbstore.messages import (
+    AssignOp,
+    ComparisonType,
+    Condition,
+    DomainFormula,
+    DomainInequality,
+    ExprComposite,
+    Expression,
+    Fact,
+    Function,
+    Inequality,
+    Instance,
+    KnowledgeItem,
+    KnowledgeType,
+    key_values,
+)
+from kbstore.model.expressions import composite_of, unlabelled
+from kbstore.model.formulas import Atom
+from kbstore.model.symbols import SymbolTable
+from kbstore.model.timelines import Timeline, Value, number_at
+from kbstore.names import key
+from kbstore.pddl.parse import parse_expression
+
+_ATOMS = (KnowledgeType.FACT, KnowledgeType.FUNCTION)
+
+
+class ItemFactory:
+    """Reads items with the labels of one vocabulary."""
+
+    def __init__(self, symbol_table: SymbolTable) -> None:
+        self._symbols = symbol_table
+
+    def item(self, timeline: Timeline, initial_time: int, value: Value, t: int) -> KnowledgeItem | Condition:
+        """The item that stands; of a function, with its value at `t`."""
+        match timeline.kind:
+            case KnowledgeType.FACT:
+                return Fact.trusted(
+                    initial_time=initial_time,
+                    is_negative=bool(value[0]),
+                    attribute_name=timeline.name,
+                    values=timeline.labelled(self._labels(timeline)),
+                    knowledge_type=KnowledgeType.FACT,
+                )
+            case KnowledgeType.FUNCTION:
+                return Function.trusted(
+                    initial_time=initial_time,
+                    is_negative=False,
+                    attribute_name=timeline.name,
+                    values=timeline.labelled(self._labels(timeline)),
+                    knowledge_type=KnowledgeType.FUNCTION,
+                    function_value=number_at(value, initial_time, t),
+                    assign_op=AssignOp.ASSIGN,
+                    rate=value[3],
+                )
+            case KnowledgeType.INSTANCE:
+                return Instance.trusted(
+                    initial_time=initial_time,
+                    is_negative=bool(value[0]),
+                    knowledge_type=KnowledgeType.INSTANCE,
+                    instance_type=value[1],
+                    instance_name=timeline.spelling,
+                )
+            case KnowledgeType.EXPRESSION:
+                if not value[1]:
+                    return Condition(text=value[2], initial_time=initial_time)
+                return Expression(initial_time=initial_time, optimization=value[1], expr=self._expression(value[2]))
+            case KnowledgeType.INEQUALITY:
+                inequality = DomainInequality(
+                    comparison_type=ComparisonType(value[1]),
+                    LHS=self._expression(value[2]),
+                    RHS=self._expression(value[3]),
+                    grounded=bool(value[4]),
+                )
+                return Inequality(initial_time=initial_time, is_negative=bool(value[0]), ineq=inequality)
+
+    def items(self, rows: Iterable[tuple[Timeline, int, Value]], t: int) -> list[KnowledgeItem | Condition]:
+        """The items that stand, in order of their initial times."""
+        return [self.item(*row, t) for row in sorted(rows, key=_order)]
+
+    def _expression(self, text: str) -> ExprComposite:
+        return composite_of(parse_expression(text), self._formula)
+
+    def _formula(self, function: Atom) -> DomainFormula:
+        """A function's term with the labels of its parameters; PDDL's own, like ``(is-violated p)``, have none."""
+        if not self._symbols.known(KnowledgeType.FUNCTION, function.name):
+            return unlabelled(function)
+        labels = self._symbols.labels(KnowledgeType.FUNCTION, key(function.name), len(function.arguments))
+        return DomainFormula.trusted(name=function.name, typed_parameters=key_values(labels, function.arguments))
+
+    def _labels(self, timeline: Timeline) -> "tuple[str, ...]":
+        return self._symbols.labels(timeline.kind, timeline.keys[0], len(timeline.arguments))  # type: ignore[return-value]
+
+
+def _order(row: tuple[Timeline, int, Value]) -> tuple[int, int]:
+    return row[1], row[0].id

@@ -1,0 +1,303 @@
+"""What stood over a span of time, from the store: the `Course` that `when` is answered from.
+
+Only the timelines that a condition reads are read, from the assertion that stands where the span begins.
+"""
+
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from functools import cached_property
+
+from kbstore.clock import OPEN, SECOND
+from kbstore.errors import InvalidKnowledge, NotLinear, UnknownSymbol
+from kbstore.evaluation.interpretation import Arguments, Number, Span
+from kbstore.evaluation.intervals import Intervals, merged
+from kbstore.evaluation.snapshot import is_of
+from kbstore.evaluation.wellformed import check
+from kbstore.evaluation.when import intervals, unchecked_intervals
+from kbstore.messages import KnowledgeType, Truth
+from kbstore.model.domain import Domain
+from kbstore.model.formulas import Formula, Not
+from kbstore.model.symbols import SymbolTable
+from kbstore.model.timelines import Identity, Role, Timeline, Value, atom_key
+from kbstore.names import key
+from kbstore.pddl.printer import condition_text
+from kbstore.planning.simulator import Event
+from kbstore.reading.history import History
+from kbstore.reading.questions import Question, as_condition
+from kbstore.reading.reader import Reader
+from kbstore.reading.state_cache import TemporalPoint
+from kbstore.storage.repository import RecordedAssertion, Repository
+
+Piece = tuple[int, int, Value, int]
+"""From when, until when, what, and the initial time of the assertion."""
+
+MINUTE = 60 * SECOND
+"""How far `since_when` looks back at first."""
+
+
+class StoredTrajectory:
+    """What stands over a span, under one version of the domain. Past now, what is expected (rule O3)."""
+
+    def __init__(
+        self,
+        reader: Reader,
+        history: History,
+        repository: Repository,
+        place: TemporalPoint,
+        span: Span,
+        domain: Domain | None,
+    ) -> None:
+        self.span = span
+        self.domain = domain
+        self.use_unknowns = reader.use_unknowns
+        self._reader = reader
+        self._history = history
+        self._repository = repository
+        self._place = place
+        self._pieces: dict[Identity, list[Piece]] = {}
+
+    # -- the course -------------------------------------------------------------------------------------------
+
+    def signs(self, name: str, arguments: Arguments) -> Sequence[tuple[int, int, bool]]:
+        """The pieces in which one fact is said, each with its sign."""
+        pieces = self._of_key(KnowledgeType.FACT, atom_key((name, *arguments)))
+        return [(start, end, not value[0]) for start, end, value, _ in pieces]
+
+    def all_signs(self, name: str) -> Mapping[Arguments, Sequence[tuple[int, int, bool]]]:
+        """The pieces of every fact of a predicate that is said somewhere in the span."""
+        timelines = self._repository.of_symbol(Role.STATE, KnowledgeType.FACT, name)
+        expected = [identity for identity in self._expected if _is_of_symbol(identity, name)]
+        self._load(timelines)
+        identities = dict.fromkeys((*(timeline.identity for timeline in timelines), *expected))
+        found = {}
+        for identity in identities:
+            pieces = self._with_expected(identity)
+            if pieces:
+                found[tuple(identity.key.split(" ")[1:])] = [
+                    (start, end, not value[0]) for start, end, value, _ in pieces
+                ]
+        return found
+
+    def numbers(self, name: str, arguments: Arguments) -> Sequence[tuple[int, int, Number]]:
+        """The pieces in which one numeric function is defined."""
+        pieces = self._of_key(KnowledgeType.FUNCTION, atom_key((name, *arguments)))
+        return [(start, end, Number(value[1], value[3], since)) for start, end, value, since in pieces]
+
+    def lifespans(self, types: Iterable[str]) -> Mapping[str, Sequence[Span]]:
+        """The objects that exist somewhere in the span and are of one of the types, with when."""
+        wanted = list(types)
+        return {
+            name: spans
+            for name, pieces in self._objects.items()
+            if (spans := [(start, end) for start, end, kind in pieces if is_of(self.domain, kind, wanted)])
+        }
+
+    def lifespan(self, name: str) -> Sequence[tuple[int, int, str]]:
+        """When one object exists, and of which type; a constant exists for the whole span."""
+        constant = self._constants.get(name)
+        if constant is not None:
+            return [(*self.span, constant)]
+        return self._merged(self._of_key(KnowledgeType.INSTANCE, name))
+
+    @cached_property
+    def _constants(self) -> Mapping[str, str]:
+        return {} if self.domain is None else self.domain.constant_types
+
+    @cached_property
+    def _objects(self) -> dict[str, Sequence[tuple[int, int, str]]]:
+        self._load(self._repository.of_kind(Role.STATE, KnowledgeType.INSTANCE))
+        found: dict[str, Sequence[tuple[int, int, str]]] = {
+            name: [(*self.span, type_name)] for name, type_name in self._constants.items()
+        }
+        for identity in list(self._pieces):
+            if identity.kind is KnowledgeType.INSTANCE and identity.key not in found:
+                pieces = self._merged(self._with_expected(identity))
+                if pieces:
+                    found[identity.key] = pieces
+        return found
+
+    @staticmethod
+    def _merged(pieces: Sequence[Piece]) -> list[tuple[int, int, str]]:
+        """Adjacent existences of the same type are one."""
+        merged: list[tuple[int, int, str]] = []
+        for start, end, (is_negative, type_name), _ in pieces:
+            if is_negative:
+                continue
+            if merged and merged[-1][1] == start and merged[-1][2] == key(type_name):
+                merged[-1] = (merged[-1][0], end, merged[-1][2])
+            else:
+                merged.append((start, end, key(type_name)))
+        return merged
+
+    # -- pieces -----------------------------------------------------------------------------------------------
+
+    def _of_key(self, kind: KnowledgeType, name: str) -> list[Piece]:
+        identity = Identity(Role.STATE, kind, name)
+        if identity not in self._pieces:
+            self._load(self._repository.find(Role.STATE, kind, [name]).values())
+        return self._with_expected(identity)
+
+    def _load(self, timelines: Iterable[Timeline]) -> None:
+        """Read what stood on timelines in the span, all of one knowledge type."""
+        missing = [timeline for timeline in timelines if timeline.identity not in self._pieces]
+        if not missing:
+            return
+        start, end = self.span
+        by_timeline: dict[Identity, list[RecordedAssertion]] = defaultdict(list)
+        for row in self._history.rows(self._repository, missing[0].kind, missing, start, end):
+            if row.end_time > max(start, row.initial_time):
+                by_timeline[row.timeline.identity].append(row)
+        for timeline in missing:
+            rows = sorted(by_timeline[timeline.identity], key=lambda row: row.initial_time)
+            self._pieces[timeline.identity] = [
+                (max(start, row.initial_time), min(end, row.end_time), row.value, row.initial_time) for row in rows
+            ]
+
+    def _with_expected(self, identity: Identity) -> list[Piece]:
+        """The pieces of a timeline; where something runs, after now those that are expected."""
+        stored = self._pieces.get(identity, [])
+        now = self._place.belief.time
+        if not self._projects:
+            return stored
+        start, end = self.span
+        pieces: list[Piece] = []
+        for piece in stored:
+            if piece[0] <= now:
+                pieces.append(piece)
+        events = [(event.time, event.value) for event in self._expected.get(identity, ())]
+        if pieces and pieces[-1][1] > now:
+            first = events[0][0] if events else OPEN
+            pieces[-1] = (pieces[-1][0], min(end, first), pieces[-1][2], pieces[-1][3])
+        for index, (t, value) in enumerate(events):
+            until = min(end, events[index + 1][0] if index + 1 < len(events) else OPEN)
+            if value is not None and until > max(t, start):
+                pieces.append((max(t, start), until, value, t))
+        return [piece for piece in pieces if piece[1] > piece[0]]
+
+    @cached_property
+    def _projects(self) -> bool:
+        now = self._place.belief.time
+        return self.span[1] > now + 1 and bool(
+            self._reader.running(self._repository, self._place.belief, self._place.head)
+        )
+
+    @cached_property
+    def _expected(self) -> dict[Identity, list[Event]]:
+        """What is expected to change after now, by timeline."""
+        found: dict[Identity, list[Event]] = defaultdict(list)
+        if self._projects:
+            state = self._reader.state(self._repository, self._place)
+            for event in state.projection().advance(self.span[1]):
+                found[event.timeline.identity].append(event)
+        return found
+
+
+def when_true(reader: Reader, history: History, condition: Question, first: int, last: int) -> Intervals:
+    """The maximal intervals in ``[first, last)`` in which a condition is true (rule Q4).
+
+    Each version of the domain counts for its part of the span; a symbol must be known to one of them (rule D4), and
+    says nothing where it is not.
+    """
+    with reader.repository() as repository:
+        return _when_true(reader, history, repository, condition, first, last)
+
+
+def _when_true(
+    reader: Reader, history: History, repository: Repository, condition: Question, first: int, last: int
+) -> Intervals:
+    found: list[Span] = []
+    place = reader.place(repository)
+    for asked in (first, max(first, last - 1)):
+        reader.refuse_archived(asked, place.head)
+    parts = list(_symbol_tables(reader, repository, place, first, last))
+    formula = _formula(condition, [symbol_table for _, _, symbol_table in parts])
+    for start, end, symbol_table in parts:
+        trajectory = StoredTrajectory(reader, history, repository, place, (start, end), symbol_table.domain)
+        try:
+            found += intervals(formula, trajectory)
+        except UnknownSymbol:
+            found += unchecked_intervals(formula, trajectory)
+    return merged(found)
+
+
+def since_when(
+    reader: Reader, history: History, repository: Repository, condition: Formula, truth: Truth, at: int, *, guess: int
+) -> int | None:
+    """Since when a condition has been without interruption what it is at a time.
+
+    0 where it always was, None where that cannot be told (rule Q4, `NotLinear`). A `guess` that is not too early saves
+    time: history is read from there, and from ever earlier times where that is too late. Raises `HistoryUnavailable`
+    where it has been so for longer than history is kept (rule Q7).
+    """
+    head = repository.head()
+    begin = head.history_from
+    length = max(at - guess, MINUTE)
+    while True:
+        first = max(begin, at - length)
+        try:
+            since = _since_within(reader, history, repository, condition, truth, (first, at + 1))
+        except (NotLinear, InvalidKnowledge):
+            return None
+        if since > first:
+            return since
+        if first == begin:
+            if begin:
+                raise reader.archived(f"since when {condition_text(condition)} is {truth.name.lower()}", head)
+            return 0
+        length *= 32
+
+
+def _since_within(
+    reader: Reader, history: History, repository: Repository, condition: Formula, truth: Truth, span: Span
+) -> int:
+    """Since when a condition has been what it is at the end of a span, at the earliest since the span's start."""
+    first, at = span[0], span[1] - 1
+
+    def true_in(condition: Formula) -> Intervals:
+        return _when_true(reader, history, repository, condition, *span)
+
+    if truth is Truth.UNKNOWN:
+        known = [*true_in(condition), *true_in(Not(condition))]
+        return min(max((end for _, end in known), default=first), at)
+    same = true_in(condition if truth is Truth.TRUE else Not(condition))
+    # an open transaction may have changed it just now
+    return same[-1][0] if same and same[-1][1] > at else at
+
+
+def _formula(condition: Question, symbol_tables: Sequence[SymbolTable]) -> Formula:
+    """The condition as the latest version of the domain reads it that knows its symbols."""
+    # before the first domain everything can be said, which does not make a symbol known
+    declared = [symbol_table for symbol_table in symbol_tables if symbol_table.domain is not None]
+    refusal: UnknownSymbol | None = None
+    for symbol_table in reversed(declared or symbol_tables):
+        try:
+            formula = as_condition(condition, symbol_table)
+            check(formula, symbol_table.domain)
+        except UnknownSymbol as error:
+            refusal = refusal or error
+        else:
+            return formula
+    assert refusal is not None
+    raise refusal
+
+
+def _symbol_tables(
+    reader: Reader, repository: Repository, place: TemporalPoint, first: int, last: int
+) -> Iterator[tuple[int, int, SymbolTable]]:
+    """The versions of the domain in a span, each with its part of the span."""
+    bare = SymbolTable(None, reader.shapes(repository))
+    versions = reader.versions(repository, place.head)
+    starts = [(0, bare), *((version.time, SymbolTable(version.domain)) for version in versions)]
+    for index, (since, symbol_table) in enumerate(starts):
+        until = starts[index + 1][0] if index + 1 < len(starts) else last
+        start, end = max(first, since), min(last, until)
+        if start < end or (first == last and index + 1 == len(starts)):
+            yield start, end, symbol_table
+
+
+def _is_of_symbol(identity: Identity, name: str) -> bool:
+    return (
+        identity.role is Role.STATE
+        and identity.kind is KnowledgeType.FACT
+        and (identity.key == name or identity.key.startswith(f"{name} "))
+    )

@@ -1,0 +1,145 @@
+"""Moving history out of a store, into an archive that can be asked as the store was (rule Q7).
+
+The store keeps what is needed to answer about a time T and later: what stood then, and the transactions that
+recorded it. The archive has everything that had been recorded before T.
+
+Killed at any moment, archiving is done again with the same arguments, and finishes: the archive is written in one
+transaction and checked; only then does the store say that its history begins at T; only after that is anything
+deleted, in transactions so small that writers hardly wait.
+"""
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+from kbstore.clock import isoformat, time
+from kbstore.errors import HistoryUnavailable, InvalidTime
+from kbstore.reading.reader import Reader
+from kbstore.storage.connection import StoreConnection
+from kbstore.storage.repository import Head, Repository
+from kbstore.transfer import queries as statements
+from kbstore.transfer.archive_file import ArchiveFile
+from kbstore.transfer.rows import Part, Progress, RowSource, Steps
+
+WINDOW = 500
+"""The rows of how many transactions are deleted at once."""
+
+MOST = 5000
+"""At most how many rows of a table are deleted at once."""
+
+
+@dataclass(frozen=True, slots=True)
+class Archived:
+    """What archiving did: the archive, where the store's history begins now, and how many rows were deleted there."""
+
+    path: Path
+    history_from: int
+    rows: int
+
+
+def archive(
+    reader: Reader, before: object, path: str | os.PathLike[str], *, progress: Progress | None = None
+) -> Archived:
+    """Move the history of a knowledge base before a time into an archive; see `KnowledgeBase.archive`."""
+    return _Archiving(reader, time(before), Path(path), progress).done()
+
+
+class _Archiving:
+    """Archiving the history of one knowledge base before a time."""
+
+    def __init__(self, reader: Reader, before: int, path: Path, progress: Progress | None) -> None:
+        self._reader = reader
+        self._database = reader.database
+        self._before = before
+        self._path = path
+        self._progress = progress
+        self._steps = Steps(None, 0)
+
+    def done(self) -> Archived:
+        """Copy, check, delete, give the space back."""
+        with self._database.reading() as session:
+            head = Repository(session, self._reader.kb, self._reader.cache).head()
+            self._refuse_future(head)
+            # what an archiving that was interrupted has left is deleted, too
+            self._before = max(self._before, head.history_from)
+            upto = self._last_before(session, head)
+            if not upto:
+                return Archived(self._path, head.history_from, 0)
+            self._copy(session, head, upto)
+        with self._database.writing() as session:
+            session.run(statements.archive_history, self._at())
+        deleted = self._delete(upto)
+        with self._database.asking() as session:
+            for statement in statements.reclaim[self._database.dialect]:
+                session.run(statement, {})
+        return Archived(self._path, self._before, deleted)
+
+    def _at(self) -> dict[str, int]:
+        return {"kb": self._reader.kb, "t": self._before}
+
+    # -- what is refused --------------------------------------------------------------------------------------
+
+    def _refuse_future(self, head: Head) -> None:
+        if self._before > head.time:
+            raise InvalidTime(
+                f"{isoformat(self._before)} is after the latest transaction of {self._reader.name}, of "
+                f"{isoformat(head.time)}; what is not yet past cannot be archived: give that time at the latest"
+            )
+
+    def _refuse_gone(self, head: Head) -> None:
+        """Raise where an archive that has nothing yet would have to have what the store has no more."""
+        if self._before <= head.history_from:
+            raise HistoryUnavailable(
+                f"{self._reader.name} keeps its history from {isoformat(head.history_from)} on; what was before has "
+                f"been archived, and is not in {self._path}"
+            )
+
+    # -- copying ----------------------------------------------------------------------------------------------
+
+    def _last_before(self, session: StoreConnection, head: Head) -> int:
+        """The number of the last transaction before the time; 0 if there was none."""
+        row = session.first(statements.first_since, self._at())
+        return head.number if row is None else int(row[0]) - 1
+
+    def _copy(self, session: StoreConnection, head: Head, upto: int) -> None:
+        """Make the archive have everything before the time, as far as it has not, and check it."""
+        part = Part(upto=upto, since=head.history_from)
+        if not self._path.exists():
+            self._refuse_gone(head)
+        with ArchiveFile.opened(self._path, self._reader.name) as file:
+            own = file.head()
+            if own is None:
+                self._refuse_gone(head)
+            else:
+                file.refuse_other(session, head, own)
+            counts = RowSource(session, self._reader.name, part).counts()
+            parameters = self._at() | {"upto": upto}
+            ended = sum(row[0] for count in statements.count_ended for row in session.all(count, parameters))
+            self._steps = Steps(self._progress, sum(counts.values()) + ended)
+            if own is None or own.time + 1 < self._before:
+                file.take(session, self._before, part, self._steps)
+            else:
+                self._steps(sum(counts.values()))
+            file.check(part, counts)
+
+    # -- deleting ---------------------------------------------------------------------------------------------
+
+    def _delete(self, upto: int) -> int:
+        """Delete what ended before the time, and the transactions that nothing refers to any more."""
+        parameters = self._at() | {"upto": upto, "most": MOST}
+        with self._database.writing() as session:
+            deleted = [session.run(statement, parameters) for statement in statements.delete_ended_runs][-1]
+            runs = session.array([row[0] for row in session.all(statements.runs_recorded, parameters)])
+        self._steps(deleted)
+        for after in range(0, upto, WINDOW):
+            window = parameters | {"after": after, "upto": min(upto, after + WINDOW), "runs": runs}
+            more = True
+            while more:
+                with self._database.writing() as session:
+                    counts = [session.run(statement, window) for statement in statements.delete_ended]
+                    more = max(counts) >= MOST
+                    if not more:
+                        session.run(statements.delete_transactions, window)
+                deleted += sum(counts)
+                self._steps(sum(counts))
+        return deleted

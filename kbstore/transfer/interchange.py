@@ -1,0 +1,117 @@
+"""A whole knowledge base as JSON Lines: to keep, to look into, and to restore in any store, on either engine.
+
+The format is that of `kbstore.transfer.jsonl`.
+"""
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO
+
+from kbstore.errors import InvalidKnowledge, KbStoreError, StoreUnavailable
+from kbstore.transfer.jsonl import JsonLinesReader, JsonLinesWriter
+from kbstore.transfer.queries import HEAD_COLUMNS, by_table
+from kbstore.transfer.rows import Progress, RowSource, RowTarget, Steps, Store, batches, new_file, opened
+
+File = str | os.PathLike[str] | IO[bytes]
+"""A path, or a file that is open in binary mode."""
+
+
+def export_knowledge_base(url: Store, name: str, file: File, *, progress: Progress | None = None) -> int:
+    """Write a knowledge base to a file as JSON Lines, as it stands at one moment; writers go on meanwhile.
+
+    Args:
+        url: the store.
+        name: the knowledge base.
+        file: a path, which must not exist yet and does not before all is written; or a file open in binary mode.
+        progress: told again and again how many rows are written, and of how many.
+
+    Returns:
+        The number of rows.
+
+    Raises:
+        StoreUnavailable: the store or the file cannot be reached, or there is no such knowledge base.
+        InvalidKnowledge: the file exists.
+    """
+    with opened(url) as database, database.reading() as session:
+        source = RowSource(session, name)
+        with _writing(file) as output:
+            return _export(source, output, progress)
+
+
+def _export(source: RowSource, output: IO[bytes], progress: Progress | None) -> int:
+    counts = source.counts()
+    steps = Steps(progress, sum(counts.values()))
+    writer = JsonLinesWriter(output)
+    writer.header({"name": source.name, "use_unknowns": source.use_unknowns, **source.head}, counts)
+    for table in by_table:
+        for records in batches(source.records(table)):
+            writer.records(table, records)
+            steps(len(records))
+    return writer.end()
+
+
+def import_knowledge_base(url: Store, file: File, name: str | None = None, *, progress: Progress | None = None) -> str:
+    """Restore a knowledge base that was exported, with every time, transaction, run and cancellation as it was.
+
+    All or nothing: one transaction, under the write lock, which on SQLite keeps other writers of the store waiting.
+
+    Args:
+        url: the store; an empty database is set up.
+        file: a path, or a file open in binary mode.
+        name: the name in this store; None: the one that it had.
+        progress: told again and again how many rows are read, and of how many.
+
+    Returns:
+        The name under which it was stored.
+
+    Raises:
+        InvalidKnowledge: the store has a knowledge base of that name, or the file is no export, was cut off or was
+            altered; the message names the line.
+        SchemaTooNew: the file was written by a newer kbstore.
+        StoreUnavailable: the store or the file cannot be reached.
+    """
+    with _reading(file) as (label, stream):
+        lines = JsonLinesReader(stream, label)
+        header = lines.header()
+        name = header["name"] if name is None else name
+        with opened(url, writing=True) as database, database.writing() as session:
+            target = RowTarget(session, name, use_unknowns=header["use_unknowns"])
+            if not target.is_new:
+                raise InvalidKnowledge(f"the store has a knowledge base {name!r}; import this one under another name")
+            steps = Steps(progress, sum(header["rows"].values()))
+            for table in by_table:
+                for records in batches(lines.records(table)):
+                    target.add(table, records)
+                    steps(len(records))
+            lines.end()
+            target.put_head({column: header[column] for column in HEAD_COLUMNS})
+    return name
+
+
+# -- files --------------------------------------------------------------------------------------------------------
+
+
+@contextmanager
+def _writing(file: File) -> Iterator[IO[bytes]]:
+    if not isinstance(file, str | os.PathLike):
+        yield file
+        return
+    with new_file(Path(file)) as partial, open(partial, "wb") as output:
+        yield output
+
+
+@contextmanager
+def _reading(file: File) -> Iterator[tuple[str, IO[bytes]]]:
+    """The file with a name for messages."""
+    if not isinstance(file, str | os.PathLike):
+        yield str(getattr(file, "name", "the file")), file
+        return
+    try:
+        with open(file, "rb") as stream:
+            yield str(file), stream
+    except OSError as error:
+        if isinstance(error, KbStoreError):
+            raise
+        raise StoreUnavailable(f"{os.fspath(file)}: {error.strerror or error}") from error

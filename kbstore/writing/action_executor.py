@@ -1,0 +1,258 @@
+"""Operators in a transaction: what they change, and which durative ones run (rules O1 to O3)."""
+
+from collections import defaultdict
+from collections.abc import Sequence
+
+from kbstore import clock
+from kbstore.clock import SECOND
+from kbstore.errors import DivisionByZero, HistoryUnavailable, InvalidKnowledge, NotApplicable, UndefinedFunction
+from kbstore.evaluation.interpretation import Interpretation
+from kbstore.messages import AssignOp, KnowledgeType
+from kbstore.model.domain import Domain
+from kbstore.model.formulas import Atom, Formula, Timing
+from kbstore.model.results import Applicability, FailingCondition, Run
+from kbstore.model.timelines import EndCause, Identity, Role
+from kbstore.names import key
+from kbstore.pddl.printer import condition_text
+from kbstore.planning import applicability as planning
+from kbstore.planning import effects, start_conditions
+from kbstore.planning.applicability import Failing
+from kbstore.planning.effects import Effects
+from kbstore.planning.grounding import GroundAction, ground
+from kbstore.planning.simulator import RunningAction
+from kbstore.reading.state import State
+from kbstore.writing.change_set import ChangeSet
+from kbstore.writing.handlers import Handlers
+from kbstore.writing.recorder import Recorder
+
+
+class ActionExecutor:
+    """The durative actions that run, as a transaction leaves them."""
+
+    def __init__(self, draft: ChangeSet, running: Sequence[RunningAction], last_run: int) -> None:
+        self._change_set = draft
+        self.running = list(running)
+        self.last_run = last_run
+        self._started: list[RunningAction] = []
+        self._ended: list[tuple[RunningAction, str]] = []
+
+    @property
+    def changes(self) -> int:
+        """How many runs begin and end."""
+        return len(self._started) + len(self._ended)
+
+    def copy(self) -> tuple[list[RunningAction], int, list[RunningAction], list[tuple[RunningAction, str]]]:
+        """What `restore` takes back."""
+        return list(self.running), self.last_run, list(self._started), list(self._ended)
+
+    def restore(
+        self, copy: tuple[list[RunningAction], int, list[RunningAction], list[tuple[RunningAction, str]]]
+    ) -> None:
+        """Take back what was done since the copy."""
+        self.running, self.last_run, self._started, self._ended = copy
+
+    def contributions(self) -> dict[Identity, float]:
+        """What all that runs adds to the rate of each function, per second."""
+        found: dict[Identity, float] = defaultdict(float)
+        for entry in self.running:
+            for timeline, rate in entry.rates:
+                found[timeline.identity] += rate
+        return found
+
+    # -- operators --------------------------------------------------------------------------------------------
+
+    def applicable(self, state: State, operator: str, arguments: Sequence[str]) -> Applicability:
+        """Whether an operator can be applied, and the conditions that fail (rule O1)."""
+        return applicability(state, operator, arguments)
+
+    def apply(self, state: State, editor: Handlers, operator: str, arguments: Sequence[str]) -> None:
+        """Do an instantaneous action."""
+        action = _grounded(state, operator, arguments)
+        if action.action.durative:
+            raise NotApplicable(f"{action} takes time; start() it, and end() it when it is done")
+        found = _at_start(state, action)
+        _refuse(state, action, planning.unsatisfied(action, state.snapshot, at_start=found))
+        self._carry_out(editor, found, state)
+
+    def start(self, state: State, editor: Handlers, operator: str, arguments: Sequence[str], duration: object) -> Run:
+        """Start a durative action."""
+        action = _grounded(state, operator, arguments)
+        if not action.action.durative:
+            raise NotApplicable(f"{action} takes no time; apply() does the whole of it")
+        length = self._duration(action, state.snapshot, duration)
+        running = self._find(operator, arguments)
+        if running is not None:
+            raise NotApplicable(f"{action} runs already, since {clock.isoformat(running.run.started)}; end it first")
+        seconds = length / SECOND
+        found = _at_start(state, action, duration=seconds)
+        # rates are those at the start, as the at-start effects leave the state
+        world = effects.StateAfter(state.snapshot, found)
+        lasting, ending = (
+            start_conditions.remembered(action, timing, state.snapshot, duration=seconds)
+            for timing in (Timing.OVER_ALL, Timing.AT_END)
+        )
+        continuous = effects.evaluate(action, Timing.OVER_ALL, world, duration=seconds, remembered=lasting).rates
+        _refuse(state, action, planning.unsatisfied(action, state.snapshot, duration=seconds, at_start=found))
+        self._carry_out(editor, found, state)
+        rates = tuple(
+            (editor.track_of(KnowledgeType.FUNCTION, function).timeline, rate) for function, rate in continuous
+        )
+        self.last_run += 1
+        objects = tuple(map(editor.spelling.term, action.arguments))
+        run = Run(action.action.name, objects, self._change_set.now, length, self.last_run)
+        entry = RunningAction(run, rates, ending)
+        self.running.append(entry)
+        self._started.append(entry)
+        return run
+
+    def end(self, state: State, editor: Handlers, run: Run) -> Applicability:
+        """End a durative action; the at-end conditions that fail."""
+        entry = self._running(run)
+        try:
+            action = _grounded(state, entry.run.operator, entry.run.arguments)
+        except InvalidKnowledge as error:
+            raise NotApplicable(f"{entry.run} cannot end: {error}; abort() it") from error
+        seconds = entry.run.duration / SECOND
+        failing = planning.failing(action, Timing.AT_END, state.snapshot, duration=seconds)
+        try:
+            found = effects.evaluate(
+                action, Timing.AT_END, state.snapshot, duration=seconds, remembered=entry.remembered
+            )
+            self._stop(entry, "ended")
+            self._carry_out(editor, found, state)
+        except (UndefinedFunction, DivisionByZero, InvalidKnowledge) as error:
+            raise NotApplicable(f"{action} cannot end: {error}; mend the state, or abort() it") from error
+        return _explained(state, failing)
+
+    def abort(self, run: Run) -> None:
+        """Abort a durative action."""
+        self._stop(self._running(run), "aborted")
+
+    def abort_with(self, name: str) -> None:
+        """Abort what runs with an object that is removed (rule C12)."""
+        for entry in [entry for entry in self.running if name in map(key, entry.run.arguments)]:
+            self._stop(entry, "aborted")
+
+    def abort_all(self) -> None:
+        """Abort everything that runs."""
+        for entry in list(self.running):
+            self._stop(entry, "aborted")
+
+    def _stop(self, entry: RunningAction, outcome: str) -> None:
+        self.running.remove(entry)
+        # a function that was moved goes on from its value now, without what the action added to its rate
+        self._change_set.loaded(timeline for timeline, _ in entry.rates if timeline.id)
+        if entry in self._started:
+            self._started.remove(entry)
+        else:
+            self._ended.append((entry, outcome))
+
+    def _running(self, run: Run) -> RunningAction:
+        for entry in self.running:
+            if entry.run.number == run.number:
+                return entry
+        raise NotApplicable(f"({' '.join((run.operator, *run.arguments))}) does not run; it has ended or was aborted")
+
+    def _find(self, operator: str, arguments: Sequence[str]) -> RunningAction | None:
+        wanted = [key(name) for name in (operator, *arguments)]
+        for entry in self.running:
+            if [key(name) for name in (entry.run.operator, *entry.run.arguments)] == wanted:
+                return entry
+        return None
+
+    @staticmethod
+    def _duration(action: GroundAction, world: Interpretation, given: object) -> int:
+        if given is not None:
+            return clock.duration(given)
+        fixed = planning.fixed_duration(action, world)
+        if fixed is None:
+            raise InvalidKnowledge(
+                f"{action}: the domain does not fix its duration; give one, as: duration=kbstore.seconds(30)"
+            )
+        return fixed
+
+    # -- effects ----------------------------------------------------------------------------------------------
+
+    def _carry_out(self, editor: Handlers, found: Effects, state: State) -> None:
+        """Deletes before adds, then the numbers; all was evaluated on the state before (rule O2)."""
+        draft = self._change_set
+        atoms = (*found.deletes, *found.adds)
+        functions = {change.function for change in found.changes}
+        for kind, touched in ((KnowledgeType.FACT, atoms), (KnowledgeType.FUNCTION, functions)):
+            draft.load(Role.STATE, kind, {" ".join((atom.name, *atom.arguments)) for atom in touched})
+            draft.load(Role.STATE, KnowledgeType.INSTANCE, {name for atom in touched for name in atom.arguments})
+        for atom in found.deletes:
+            track = editor.track_of(KnowledgeType.FACT, atom)
+            if state.use_unknowns:
+                draft.set(track, (True,))
+            elif track.value is not None and not track.value[0]:
+                draft.end(track, EndCause.REMOVED)
+        for atom in found.adds:
+            draft.set(editor.track_of(KnowledgeType.FACT, atom), (False,))
+        assigned = {change.function for change in found.changes if change.operation is AssignOp.ASSIGN}
+
+        def number(function: Atom) -> float | None:
+            there = state.snapshot.number(key(function.name), tuple(map(key, function.arguments)))
+            return None if there is None else there.at(state.at)
+
+        for function, value in effects.resulting(found.changes, number).items():
+            track = editor.track_of(KnowledgeType.FUNCTION, function)
+            own_rate = 0.0 if function in assigned or track.value is None else track.value[2]
+            draft.set(track, (False, value, own_rate, own_rate))
+
+    def write(self, recorder: Recorder) -> None:
+        """Write the runs that begin and end."""
+        for run, rates, remembered in self._started:
+            recorder.start_run(run.number, run.operator, run.arguments, run.duration, sorted(remembered))
+            for timeline, rate in rates:
+                recorder.run_rate(run.number, timeline, rate)
+        for entry, outcome in self._ended:
+            recorder.end_run(entry.run.number, entry.run.started, outcome)
+
+
+def applicability(state: State, operator: str, arguments: Sequence[str]) -> Applicability:
+    """Whether an operator can be applied to a state, and the conditions that fail, each with since when (rule O1)."""
+    action = _grounded(state, operator, arguments)
+    return _explained(state, planning.unsatisfied(action, state.snapshot))
+
+
+def _at_start(state: State, action: GroundAction, *, duration: float | None = None) -> Effects:
+    """The at-start effects of an action, once its at-start conditions hold; `NotApplicable` where they do not.
+
+    A number that an effect cannot be reckoned with has an error of its own.
+    """
+    if planning.failing(action, Timing.AT_START, state.snapshot, duration=duration):
+        _refuse(state, action, planning.unsatisfied(action, state.snapshot, duration=duration))
+    return effects.evaluate(action, Timing.AT_START, state.snapshot, duration=duration)
+
+
+def _explained(state: State, failing: Sequence[Failing]) -> Applicability:
+    return Applicability([FailingCondition(condition_text(c), _since(state, c), truth) for c, truth in failing])
+
+
+def _since(state: State, condition: Formula) -> int | None:
+    try:
+        if state.holds(condition):
+            # the at-start effects of the action itself are what an over-all condition fails by
+            return state.at
+        return state.explain(condition).since
+    except HistoryUnavailable:
+        # it has failed for longer than history is kept
+        return None
+    except InvalidKnowledge:
+        # it reads ?duration, and is no matter of the state alone
+        return None
+
+
+def _grounded(state: State, operator: str, arguments: Sequence[str]) -> GroundAction:
+    domain: Domain | None = state.domain
+    if domain is None:
+        raise InvalidKnowledge(f"({operator} ...) needs a domain that declares it; load one first")
+    return ground(domain, operator, tuple(arguments), state.snapshot)
+
+
+def _refuse(state: State, action: GroundAction, failing: Sequence[Failing]) -> None:
+    """Raise `NotApplicable`, with each condition that fails and since when, if there are any."""
+    if failing:
+        reasons = "\n".join(f"  - {condition}" for condition in _explained(state, failing).failing)
+        raise NotApplicable(f"{action} is not applicable:\n{reasons}")

@@ -1,0 +1,76 @@
+"""Whether what stands, is scheduled and runs fits another version of the domain (rule D4)."""
+
+from collections.abc import Iterable, Iterator
+
+from kbstore.errors import KbStoreError
+from kbstore.messages import KnowledgeType
+from kbstore.model.domain import Domain
+from kbstore.model.symbols import SymbolTable
+from kbstore.model.timelines import Role, Value
+from kbstore.pddl.parse import parse_condition, parse_expression
+from kbstore.planning.simulator import RunningAction
+from kbstore.writing.change_set import ChangeSet, TimelineState
+from kbstore.writing.validation import Validator, naming, violations_of
+
+
+def violations(
+    domain: Domain, draft: ChangeSet, tracks: Iterable[TimelineState], running: Iterable[RunningAction]
+) -> list[str]:
+    """What would be invalid under a domain, each in one sentence."""
+    validator = Validator(draft, SymbolTable(domain))
+    found: list[str] = []
+    for track in tracks:
+        standing = [(draft.now, track.value)] if track.value is not None else []
+        for t, value in (*standing, *sorted(track.ahead.items())):
+            found += _misfits(domain, validator, track, t, value)
+    for entry in running:
+        found += _run_misfits(domain, validator, entry, draft.now)
+    return list(dict.fromkeys(found))
+
+
+def _misfits(domain: Domain, validator: Validator, track: TimelineState, t: int, value: Value) -> Iterable[str]:
+    timeline = track.timeline
+    match timeline.kind:
+        case KnowledgeType.INSTANCE:
+            return _object_misfits(domain, timeline.spelling, value)
+        case KnowledgeType.FACT | KnowledgeType.FUNCTION:
+            try:
+                SymbolTable(domain).ordered(timeline.kind, timeline.name, timeline.arguments, ())
+            except KbStoreError as error:
+                return violations_of(error, f"({timeline.spelling})")
+            if timeline.role is Role.STATE and timeline.kind is KnowledgeType.FACT and domain.is_derived(timeline.name):
+                return [f"({timeline.spelling}) is stated, but {timeline.name} is derived in the domain {domain.name}"]
+            return validator.atom(timeline.kind, timeline.name, timeline.arguments, t)
+        case KnowledgeType.EXPRESSION if timeline.role is Role.STATE:
+            return naming(f"{value[1]} {value[2]}", validator.expression(parse_expression(value[2]), t))
+        case _ if timeline.role is Role.CONSTRAINT:
+            return ()
+        case _:
+            try:
+                formula = parse_condition(timeline.spelling, domain)
+                return naming(timeline.spelling, validator.condition(formula, t))
+            except KbStoreError as error:
+                return violations_of(error, timeline.spelling)
+
+
+def _object_misfits(domain: Domain, name: str, value: Value) -> Iterator[str]:
+    if value[0]:
+        return
+    if not domain.knows_type(value[1]):
+        yield f"{name} - {value[1]}: the domain {domain.name} has no type {value[1]}"
+    if domain.constant_spelling(name) is not None:
+        yield f"{name} - {value[1]}: the domain {domain.name} has a constant {name}; remove the object first"
+
+
+def _run_misfits(domain: Domain, validator: Validator, entry: RunningAction, t: int) -> Iterator[str]:
+    run = entry.run
+    try:
+        action = domain.action(run.operator)
+    except KbStoreError as error:
+        yield f"({run.operator} {' '.join(run.arguments)}) runs: {error}"
+        return
+    if len(action.parameters) != len(run.arguments) or not action.durative:
+        yield f"({run.operator} {' '.join(run.arguments)}) runs, but is another action in the domain {domain.name}"
+        return
+    types = [parameter.types for parameter in action.parameters]
+    yield from validator.objects(f"({run.operator} {' '.join(run.arguments)})", run.arguments, types, t)

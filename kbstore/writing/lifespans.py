@@ -1,0 +1,49 @@
+"""When an object exists: adjacent existences of the same type are one (rule C6)."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from kbstore.clock import OPEN
+from kbstore.model.timelines import Value
+
+
+class Lifespan(NamedTuple):
+    """A span in which an object exists, with one type; adjacent ones of the same type are one (rule C6)."""
+
+    start: int
+    end: int
+    type_name: str
+
+
+def lifespans_of(value: Value | None, ahead: dict[int, Value], now: int) -> list[Lifespan]:
+    """When an object exists from now on, by what stands on its timeline and what is scheduled."""
+    found: list[Lifespan] = []
+    start, type_name = now, None if value is None or value[0] else value[1]
+    for t in sorted(ahead):
+        is_negative, name = ahead[t]
+        if is_negative:
+            if type_name is not None:
+                found.append(Lifespan(start, t, type_name))
+            type_name = None
+        elif type_name is None or type_name.lower() != name.lower():
+            if type_name is not None:
+                found.append(Lifespan(start, t, type_name))
+            start, type_name = t, name
+    if type_name is not None:
+        found.append(Lifespan(start, OPEN, type_name))
+    return found
+
+
+def lost_time(before: Sequence[Lifespan], after: Sequence[Lifespan]) -> list[tuple[int, int]]:
+    """The time in `before` in which the object does not exist with that type any more in `after`."""
+    lost: list[tuple[int, int]] = []
+    for start, end, type_name in before:
+        for other_start, other_end, other_type in after:
+            if other_end <= start or other_start >= end or other_type.lower() != type_name.lower():
+                continue
+            if other_start > start:
+                lost.append((start, other_start))
+            start = other_end  # noqa: PLW2901 - what is left of the span
+        if start < end:
+            lost.append((start, end))
+    return lost

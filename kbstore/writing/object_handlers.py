@@ -1,0 +1,154 @@
+"""What updates of objects do to a transaction's draft (rules C6, C8, C9)."""
+
+from collections.abc import Callable, Iterable, Sequence
+from itertools import pairwise
+
+from kbstore import names
+from kbstore.clock import isoformat
+from kbstore.messages import Instance, KnowledgeType
+from kbstore.model.symbols import SymbolTable
+from kbstore.model.timelines import EndCause
+from kbstore.names import is_wildcard, key
+from kbstore.storage.repository import Repository
+from kbstore.writing.change_set import ChangeSet, TimelineState
+from kbstore.writing.lifespans import Lifespan
+from kbstore.writing.validation import Validator
+
+Violations = Sequence[str]
+
+
+class ObjectHandlers:
+    """Begins and ends the existence of objects, with what that means for everything that mentions them."""
+
+    def __init__(
+        self,
+        draft: ChangeSet,
+        repository: Repository,
+        validator: Validator,
+        symbol_table: SymbolTable,
+        on_removed: Callable[[str], None],
+    ) -> None:
+        self._change_set = draft
+        self._repository = repository
+        self._validator = validator
+        self._symbols = symbol_table
+        self._on_removed_object = on_removed
+        self._now = draft.now
+
+    def add(self, item: Instance, t: int) -> Violations:
+        """Add an object from `t` on, which is not before now; a negative item ends it."""
+        name, type_name = item.instance_name, item.instance_type or "object"
+        violations = self._instance_violations(item)
+        if violations:
+            return violations
+        track = self._validator.object_track(name)
+        if item.is_negative and t == self._now:
+            return self.remove(item.changed(is_negative=False), [track], None)
+        type_name = self._type_spelling(track, type_name)
+        before = self._change_set.lifespans(track)
+        if item.is_negative:
+            standing = next((e.type_name for e in before if e.start < t <= e.end), None)
+            if standing is not None and item.instance_type and key(standing) != key(type_name):
+                return ()
+            self._change_set.schedule(track, t, (True, standing or type_name))
+        elif t == self._now:
+            value = track.value
+            if value is not None and not value[0]:
+                if key(value[1]) == key(type_name):
+                    return ()
+                return [f"{item}: {name} exists with the type {value[1]}; remove it first, or use another name"]
+            ended = self._ended_now(track)
+            if ended is not None and key(ended) != key(type_name):
+                return [_meeting(name, Lifespan(0, t, ended), Lifespan(t, t, type_name))]
+            self._change_set.set(track, (False, type_name))
+        else:
+            self._change_set.schedule(track, t, (False, type_name))
+        return self._settled_object(track, before)
+
+    def _type_spelling(self, track: TimelineState, type_name: str) -> str:
+        """The type as the domain writes it; without one, as it was first written of the object (rule D3)."""
+        if self._symbols.domain is not None:
+            return self._symbols.domain.type_spelling(type_name)
+        stored = [row.value for row in (track.latest, *track.stored_ahead.values()) if row is not None]
+        written = [value[1] for value in (*stored, track.value, *track.ahead.values()) if value is not None]
+        return next((str(spelling) for spelling in written if key(spelling) == key(type_name)), type_name)
+
+    def _instance_violations(self, item: Instance) -> Violations:
+        name, domain = item.instance_name, self._symbols.domain
+        violations = []
+        wrong = names.problem(name)
+        if wrong:
+            violations.append(f"{item}: the name {name!r:.60} {wrong}")
+        type_name = item.instance_type
+        if domain is not None:
+            if domain.constant_spelling(name) is not None:
+                violations.append(f"{item}: {name} is a constant of the domain: it always exists, whatever is said")
+            if not domain.knows_type(type_name or "object"):
+                known = ", ".join(domain.types) or "object"
+                violations.append(f"{item}: the domain {domain.name} has no type {type_name}; it has {known}")
+        elif type_name and (wrong := names.problem(type_name)):
+            violations.append(f"{item}: the type name {type_name!r:.60} {wrong}")
+        return violations
+
+    def _ended_now(self, track: TimelineState) -> str | None:
+        """The type with which an object existed until exactly now, if it did."""
+        latest = track.latest
+        if latest is not None and latest.initial_time == self._now:
+            start = self._repository.latest_start(track.timeline, self._now - 1)
+            rows = self._repository.history(KnowledgeType.INSTANCE, [track.timeline], start, self._now)
+            kept = [row for row in rows if row.end_time == self._now and row.initial_time < self._now]
+            return None if not kept or kept[-1].value[0] else str(kept[-1].value[1])
+        if latest is None or latest.value[0]:
+            return None
+        ends_now = latest.end_time == self._now or (latest.end_time > self._now and track.value is None)
+        return str(latest.value[1]) if ends_now else None
+
+    def _settled_object(self, track: TimelineState, before: Sequence[Lifespan]) -> Violations:
+        """Carry through what a change of an object's existence means for others, or take it back (rules C6, C9)."""
+        after = self._change_set.lifespans(track)
+        for earlier, later in pairwise(after):
+            if earlier.end == later.start:
+                return [_meeting(track.timeline.spelling, earlier, later)]
+        self._change_set.drop_mentions(track, before, EndCause.OBJECT)
+        existed = bool(before) and before[0].start == self._now
+        if existed and not (after and after[0].start == self._now):
+            self._on_removed_object(track.timeline.key)
+        return ()
+
+    def remove(self, item: Instance, tracks: Iterable[TimelineState], t: int | None) -> Violations:
+        """Remove objects, or cancel what is scheduled for them at `t`, where they are as the item says."""
+        domain = self._symbols.domain
+        if domain is not None:
+            if item.instance_type and not domain.knows_type(item.instance_type):
+                known = ", ".join(domain.types) or "object"
+                return [f"{item}: the domain {domain.name} has no type {item.instance_type}; it has {known}"]
+            if domain.constant_spelling(item.instance_name) is not None:
+                return [f"{item}: {item.instance_name} is a constant of the domain, which cannot be removed"]
+        if is_wildcard(item.instance_name) and not item.instance_type:
+            return [f"{item}: a removal names its object or its type; clear() removes everything"]
+        for track in tracks:
+            value = track.value if t is None else track.ahead.get(t)
+            if value is None or bool(value[0]) != item.is_negative or not self._of_type(item, value[1]):
+                continue
+            before = self._change_set.lifespans(track)
+            if t is None:
+                self._change_set.end(track, EndCause.REMOVED)
+            else:
+                self._change_set.cancel(track, t)
+            violations = self._settled_object(track, before)
+            if violations:
+                return violations
+        return ()
+
+    def _of_type(self, item: Instance, type_name: str) -> bool:
+        domain = self._symbols.domain
+        if is_wildcard(item.instance_name) and domain is not None:
+            return domain.is_subtype(type_name, [item.instance_type])
+        return not item.instance_type or key(item.instance_type) == key(type_name)
+
+
+def _meeting(name: str, earlier: Lifespan, later: Lifespan) -> str:
+    return (
+        f"{name} - {later.type_name} from {isoformat(later.start)} on: until then {name} exists with the type "
+        f"{earlier.type_name}; an object changes its type only after an end strictly before"
+    )

@@ -1,0 +1,394 @@
+"""The one path for writing: a transaction takes the write lock and now, collects updates, and stores them at once."""
+
+import json
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import AbstractContextManager, ExitStack, nullcontext
+from types import TracebackType
+from typing import Self
+
+from kbstore.clock import isoformat, time
+from kbstore.errors import ClockWentBackwards, Conflict, InvalidKnowledge, KbStoreError
+from kbstore.evaluation.snapshot import Snapshot, StateRow
+from kbstore.messages import Condition, KnowledgeItem, KnowledgeType, UpdateType
+from kbstore.messages.bulk import gc_paused
+from kbstore.model.domain import Domain
+from kbstore.model.results import Applicability, Run, Transaction
+from kbstore.model.symbols import SymbolTable
+from kbstore.model.timelines import Identity, Role, Timeline
+from kbstore.pddl.domain_reader import read_domain
+from kbstore.pddl.problem_reader import read_problem
+from kbstore.reading.mentions import mentions
+from kbstore.reading.questions import Question
+from kbstore.reading.reader import Reader
+from kbstore.reading.state import State
+from kbstore.reading.state_cache import StateData
+from kbstore.storage.connection import StoreConnection
+from kbstore.storage.repository import LogPosition, Repository
+from kbstore.writing.action_executor import ActionExecutor
+from kbstore.writing.change_set import ChangeSet
+from kbstore.writing.compatibility import violations
+from kbstore.writing.handlers import Handlers
+from kbstore.writing.prefetch import Prefetch
+from kbstore.writing.recorder import Recorder
+from kbstore.writing.updates import GOAL_UPDATES, Update, failing, items_of, problem_updates, read_update
+
+TOLERANCE = 1_000_000_000
+"""How far a clock may be behind the latest recorded time, in nanoseconds (rule T3)."""
+
+
+class OpenTransaction:
+    """A transaction under way, from `KnowledgeBase.transaction`: a context manager.
+
+    Its updates apply in order, at one and the same now. Leaving the block stores them; leaving it by an exception
+    stores nothing. `result` is the `Transaction` afterwards.
+    """
+
+    result: Transaction
+
+    def __init__(
+        self,
+        reader: Reader,
+        *,
+        client: str = "",
+        note: str = "",
+        expect: int | None = None,
+        validate: bool = True,
+        tolerance: int = TOLERANCE,
+        guard: Callable[[], AbstractContextManager[None]] = nullcontext,
+    ) -> None:
+        self._reader = reader
+        self._client = client
+        self._note = note
+        self._expect = expect
+        self._validate = validate
+        self._tolerance = tolerance
+        self._is_whole = True
+        self._is_open = False
+        self._new_timelines: list[Timeline] = []
+        self._guard = guard
+        self._contexts = ExitStack()
+
+    def __enter__(self) -> Self:
+        with ExitStack() as contexts:
+            contexts.enter_context(self._guard())
+            self._begin(contexts.enter_context(self._reader.database.writing()))
+            self._contexts = contexts.pop_all()
+        self._is_open = True
+        return self
+
+    def _begin(self, session: StoreConnection) -> None:
+        reader = self._reader
+        self._session = session
+        self._repository = Repository(session, reader.kb, reader.cache)
+        self._head = self._repository.head(for_update=True)
+        if self._expect is not None and self._head.number > self._expect:
+            raise Conflict(
+                f"transaction {self._head.number} has been committed, but nothing after {self._expect} was expected; "
+                "read the state again, and decide anew"
+            )
+        self.now = self._read_clock()
+        self._number = self._head.number + 1
+        stored = reader.symbol_table(self._repository, self._head, LogPosition(self.now))
+        self._symbols = SymbolTable(stored.domain, dict(stored.shapes))
+        self._stored_shapes = dict(stored.shapes)
+        self._domain = stored.domain
+        self._change_set = ChangeSet(self._repository, self.now, mentions)
+        self._executor = ActionExecutor(
+            self._change_set, reader.running(self._repository, LogPosition(self.now), self._head), self._head.last_run
+        )
+        self._use_vocabulary(self._symbols)
+
+    def _use_vocabulary(self, symbol_table: SymbolTable) -> None:
+        self._symbols = symbol_table
+        self._handlers = Handlers(
+            self._change_set,
+            self._repository,
+            symbol_table if self._validate else SymbolTable(None, {}),
+            self._executor.abort_with,
+        )
+
+    def _read_clock(self) -> int:
+        """Now, which never runs backwards (rule T3)."""
+        now, latest = time(self._reader.clock.now()), self._head.time
+        if now >= latest:
+            return now
+        if latest - now <= self._tolerance:
+            return latest
+        raise ClockWentBackwards(
+            f"the clock says {isoformat(now)}, but {self._reader.name} has a transaction of {isoformat(latest)}; "
+            "set the clock, or give a run that begins anew (a simulation at 0) a knowledge base name of its own"
+        )
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._is_open = False
+        if kind is not None:
+            self._contexts.__exit__(kind, error, trace)
+            return
+        # what goes wrong in storing rolls back, as what goes wrong in the block
+        with self._contexts, gc_paused():
+            self._store()
+        for timeline in self._new_timelines:
+            self._reader.cache.put(timeline)
+
+    def _require_open(self) -> None:
+        """Refuse what comes before or after the block: it would be lost in silence."""
+        if not self._is_open:
+            raise Conflict("a transaction is used inside its block only; begin one: with kb.transaction() as tx: ...")
+
+    # -- storing ----------------------------------------------------------------------------------------------
+
+    def _store(self) -> None:
+        """Write what the draft comes to; what changes nothing takes no number (rule C1)."""
+        if not self._is_whole:
+            raise InvalidKnowledge("a load has failed half-way in this transaction; nothing of it has been stored")
+        self._change_set.contributions = self._executor.contributions()
+        writes = self._change_set.finish(self._number)
+        domain = self._symbols.domain
+        has_domain = domain is not None and domain is not self._domain
+        changes = writes.changes + has_domain + self._executor.changes
+        if not changes:
+            self.result = Transaction(self._head.number, self.now, self._client, self._note, 0)
+            return
+        recorder = Recorder(self._session, self._reader.kb, self._number, self.now)
+        head = self._head._replace(last_run=self._executor.last_run)
+        if domain is not None and has_domain:
+            head = head._replace(domain_version=head.domain_version + 1)
+            sensed = json.dumps(sorted(domain.sensed))
+            recorder.domain(head.domain_version, domain.name, domain.source, sensed)
+        for (kind, name_key), shape in self._symbols.shapes.items():
+            if self._stored_shapes.get((kind, name_key)) != shape:
+                recorder.symbol(int(kind), name_key, shape.name, shape.labels or (), shape.arity)
+        with self._session.together():
+            recorder.transaction(head, changes, self._client, self._note)
+            self._new_timelines = recorder.write(writes)
+            self._executor.write(recorder)
+        self.result = Transaction(self._number, self.now, self._client, self._note, changes)
+
+    def _apply(self, updates: Iterable[Update]) -> None:
+        """Do updates one after another, or none of them; all violations are reported together (rule D1)."""
+        with gc_paused():
+            self._apply_all(updates)
+
+    def _apply_all(self, updates: Iterable[Update]) -> None:
+        self._change_set.savepoint()
+        shapes = dict(self._symbols.shapes)
+        violations: list[str] = []
+        other: KbStoreError | None = None
+        for update in updates:
+            try:
+                violations += update()
+            except InvalidKnowledge as error:
+                violations += error.violations
+            except KbStoreError as error:
+                other = other or error
+        if violations or other is not None:
+            self._change_set.roll_back()
+            self._symbols.shapes.clear()
+            self._symbols.shapes.update(shapes)
+            raise InvalidKnowledge(*dict.fromkeys(violations)) if violations else other  # type: ignore[misc]
+
+    # -- updates ----------------------------------------------------------------------------------------------
+
+    def add(self, *items: object, initial_time: object = None) -> None:
+        """Add knowledge to the state; `initial_time` counts for items without one of their own."""
+        self.update([(UpdateType.ADD_KNOWLEDGE, item) for item in items], initial_time=initial_time)
+
+    def remove(self, *items: object, initial_time: object = None) -> None:
+        """Remove what stands and matches; with a time after now, cancel what is scheduled for it."""
+        self.update([(UpdateType.REMOVE_KNOWLEDGE, item) for item in items], initial_time=initial_time)
+
+    def add_goal(self, *goals: object, initial_time: object = None) -> None:
+        """Add to the goal; a conjunction is split into its parts."""
+        self.update([(UpdateType.ADD_GOAL, goal) for goal in goals], initial_time=initial_time)
+
+    def remove_goal(self, *goals: object, initial_time: object = None) -> None:
+        """Remove from the goal."""
+        self.update([(UpdateType.REMOVE_GOAL, goal) for goal in goals], initial_time=initial_time)
+
+    def add_metric(self, *metrics: object, initial_time: object = None) -> None:
+        """Set the metric."""
+        self.update([(UpdateType.ADD_METRIC, metric) for metric in metrics], initial_time=initial_time)
+
+    def remove_metric(self, *metrics: object, initial_time: object = None) -> None:
+        """Remove the metric; if one is given, only if it is that one."""
+        self._require_open()
+        if not metrics:
+            t = _time(initial_time)
+            self._apply([lambda: self._handlers.remove_metric(None, t if t > self.now else None)])
+        self.update([(UpdateType.REMOVE_METRIC, metric) for metric in metrics], initial_time=initial_time)
+
+    def update(self, updates: Iterable[tuple[UpdateType | int, object]], *, initial_time: object = None) -> None:
+        """Do several updates, in order, all or none."""
+        self._require_open()
+        t = _time(initial_time)
+        with gc_paused():
+            self._apply(self._preloaded(updates, t))
+
+    def clear(self) -> None:
+        """End everything that stands, cancel everything scheduled, abort what runs (rule C12)."""
+        self._require_open()
+        self._handlers.clear()
+        self._executor.abort_all()
+
+    def _preloaded(self, updates: Iterable[tuple[UpdateType | int, object]], t: int) -> Iterable[Update]:
+        """The updates as what does them; the timelines that they touch are read at once."""
+        read: list[Update] = []
+        wanted = Prefetch()
+        for update in updates:
+            knowledge: object = update
+            try:
+                kind, knowledge = read_update(update)
+                items = items_of(kind, knowledge, self._symbols)
+            except KbStoreError as error:
+                read.append(failing(knowledge, error))
+                continue
+            role = Role.GOAL if kind in GOAL_UPDATES else Role.STATE
+            for item in items:
+                wanted.note(role, item)
+                read.append(self._update(kind, item, item.initial_time or t))
+        wanted.load(self._change_set)
+        return read
+
+    def _update(self, kind: UpdateType, item: KnowledgeItem | Condition, t: int) -> Update:
+        editor = self._handlers
+        later = t if t > self.now else None
+        match kind:
+            case UpdateType.ADD_KNOWLEDGE:
+                return lambda: editor.add(item, t)  # type: ignore[arg-type]
+            case UpdateType.REMOVE_KNOWLEDGE:
+                return lambda: editor.remove(item, later)  # type: ignore[arg-type]
+            case UpdateType.ADD_GOAL:
+                return lambda: editor.add_goal(item, t)  # type: ignore[arg-type]
+            case UpdateType.REMOVE_GOAL:
+                return lambda: editor.remove_goal(item, later)  # type: ignore[arg-type]
+            case UpdateType.ADD_METRIC:
+                return lambda: editor.add_metric(item, t)  # type: ignore[arg-type]
+            case UpdateType.REMOVE_METRIC:
+                return lambda: editor.remove_metric(item, later)  # type: ignore[arg-type]
+
+    # -- domains and problems ---------------------------------------------------------------------------------
+
+    def load(self, domain: object = None, problem: object = None, *, replace: bool = False) -> None:
+        """Load a domain, and a problem: paths, or PDDL text. `replace` clears first (rules D4, P3)."""
+        self._require_open()
+        self._is_whole = False
+        with gc_paused():
+            self._load(domain, problem, replace=replace)
+        self._is_whole = True
+
+    def _load(self, domain: object, problem: object, *, replace: bool) -> None:
+        loaded = self._symbols.domain if domain is None else read_domain(domain)  # type: ignore[arg-type]
+        read = None if problem is None else read_problem(problem, loaded)  # type: ignore[arg-type]
+        if replace:
+            self.clear()
+        if loaded is not None and domain is not None:
+            self.set_domain(self._marked(loaded))
+        if read is not None:
+            wanted = Prefetch()
+            for item in (*read.instances, *read.init):
+                wanted.note(Role.STATE, item)
+            wanted.load(self._change_set)
+            self._apply(problem_updates(read, self.now, self._update, self._handlers.add_constraint))
+
+    def _marked(self, domain: Domain) -> Domain:
+        """The domain with the marks of what is sensed that the one before had."""
+        known = self._symbols.domain
+        if known is None:
+            return domain
+        symbols = domain.predicate_signatures.keys() | domain.function_signatures.keys()
+        return domain.marked(known.sensed & symbols)
+
+    def set_domain(self, domain: Domain) -> None:
+        """Another version of the domain; refused if what stands or is scheduled does not fit it (rule D4)."""
+        known = self._symbols.domain
+        if known is not None and known.source == domain.source and known.sensed == domain.sensed:
+            return
+        if known is None or known.source != domain.source:
+            wrong = violations(domain, self._change_set, self._handlers.everything(), self._executor.running)
+            if wrong:
+                raise InvalidKnowledge(*wrong)
+        self._use_vocabulary(SymbolTable(domain))
+
+    def set_sensed(self, name: str, sensed: bool) -> None:
+        """Mark a predicate as sensed, or not; a new version of the domain."""
+        self._require_open()
+        domain = self._symbols.domain
+        if domain is None:
+            raise InvalidKnowledge(f"{name} cannot be marked as sensed without a domain; load one first")
+        if domain.is_sensed(name) != sensed:
+            self.set_domain(domain.with_sensed(name, sensed))
+
+    # -- operators --------------------------------------------------------------------------------------------
+
+    def applicable(self, operator: str, *arguments: str) -> Applicability:
+        """Whether an operator can be applied to the state as the transaction has it (rule O1)."""
+        return self._executor.applicable(self.state(), operator, arguments)
+
+    def apply(self, operator: str, *arguments: str) -> None:
+        """Do the whole of an instantaneous action (rules O2, O3)."""
+        self._together(lambda: self._executor.apply(self.state(), self._handlers, operator, arguments))
+
+    def start(self, operator: str, *arguments: str, duration: object = None) -> Run:
+        """Start a durative action: its at-start effects, and its continuous ones begin."""
+        runs: list[Run] = []
+
+        def start() -> None:
+            runs.append(self._executor.start(self.state(), self._handlers, operator, arguments, duration))
+
+        self._together(start)
+        return runs[0]
+
+    def end(self, run: Run) -> Applicability:
+        """End a durative action: its at-end effects. Returns the at-end conditions that fail."""
+        ended: list[Applicability] = []
+        self._together(lambda: ended.append(self._executor.end(self.state(), self._handlers, run)))
+        return ended[0]
+
+    def abort(self, run: Run) -> None:
+        """Abort a durative action: only its continuous effects stop."""
+        self._together(lambda: self._executor.abort(run))
+
+    def _together(self, act: Callable[[], None]) -> None:
+        self._require_open()
+        copy = self._executor.copy()
+
+        def update() -> Sequence[str]:
+            act()
+            return ()
+
+        try:
+            self._apply([update])
+        except KbStoreError:
+            self._executor.restore(copy)
+            raise
+
+    # -- the state as the transaction has it ------------------------------------------------------------------
+
+    def state(self) -> State:
+        """The state at the transaction's now, with what it has written itself."""
+        self._require_open()
+        position = LogPosition(self.now)
+        self._change_set.contributions = self._executor.contributions()
+        rows: dict[Identity, StateRow] = {}
+        pending: dict[tuple[Identity, int], StateRow] = {}
+        for kind in KnowledgeType:
+            rows |= {row[0].identity: row for row in self._repository.state_at(kind, position)}
+            pending |= {(row[0].identity, row[1]): row for row in self._repository.scheduled_at(kind, position)}
+        self._change_set.overlay(rows, pending)
+        snapshot = Snapshot(self.now, list(rows.values()), self._symbols.domain, self._reader.use_unknowns)
+        picture = StateData(snapshot, list(pending.values()), self._executor.running)
+        return self._reader.state_of(picture, self._symbols)
+
+    def holds(self, question: Question) -> bool:
+        """Whether a fact or condition is true in the state as the transaction has it."""
+        return self.state().holds(question)
+
+    def value(self, question: Question) -> float:
+        """The value of a function or expression in the state as the transaction has it."""
+        return self.state().value(question)
+
+
+def _time(initial_time: object) -> int:
+    return 0 if initial_time is None else time(initial_time)

@@ -1,0 +1,46 @@
+"""A deliberately naive knowledge base: a list of transactions, replayed from the start for each question.
+
+It is written from the rules alone, shares no code with kbstore, and prefers being obviously right to being fast:
+what stands is a dictionary, what is scheduled is a dictionary, and time is walked forward one scheduled moment after
+the other. Items and answers are plain Python values with names in lower case.
+"""
+
+from tests.oracle.items import (
+    Comparison,
+    Condition,
+    Fact,
+    Item,
+    Metric,
+    Number,
+    Object,
+    RefAction,
+    RefDomain,
+    Signature,
+    Start,
+    Timeline,
+)
+from tests.oracle.memory import Answer, Change, Difference, Reference
+from tests.oracle.overlay import Refused, Update
+from tests.oracle.world import Unsettled
+
+__all__ = [
+    "Answer",
+    "Change",
+    "Comparison",
+    "Condition",
+    "Difference",
+    "Fact",
+    "Item",
+    "Metric",
+    "Number",
+    "Object",
+    "RefAction",
+    "RefDomain",
+    "Reference",
+    "Refused",
+    "Signature",
+    "Start",
+    "Timeline",
+    "Unsettled",
+    "Update",
+]

@@ -1,0 +1,181 @@
+"""What a transaction would leave standing and scheduled, and what could not be added to it."""
+
+import itertools
+from collections.abc import Iterator
+
+from tests.oracle.items import (
+    WILDCARD,
+    Comparison,
+    Condition,
+    Fact,
+    Item,
+    Metric,
+    Number,
+    Object,
+    Signature,
+    Timeline,
+    timeline,
+)
+from tests.oracle.world import World
+
+FOREVER = 2**63 - 1
+Spans = list[tuple[int, int]]
+
+
+class Draft:
+    """What stands and what is scheduled with the updates made so far, and the checks of further ones."""
+
+    def __init__(self, world: World, now: int) -> None:
+        world.advance(now)
+        self.world = world
+        self.now = now
+        self.domain = world.domain
+        self.standing: dict[Timeline, tuple[Item, int]] = {
+            line: (told.item, told.start) for line, told in world.standing.items()
+        }
+        self.pending: dict[tuple[Timeline, int], Item] = {key: told.item for key, told in world.pending.items()}
+
+    # -- the existence of objects from now on -----------------------------------------------------------------
+
+    def _trajectory(self, name: object) -> list[tuple[int, Object]]:
+        """What the timeline of an object says from now on, in order of time."""
+        line = ("state", "object", name)
+        trajectory = [(self.now, self.standing[line][0])] if line in self.standing else []
+        trajectory += [(at, item) for (found, at), item in self.pending.items() if found == line]
+        return sorted(((at, item) for at, item in trajectory if isinstance(item, Object)), key=lambda entry: entry[0])
+
+    def lifetimes(self, name: object) -> Spans:
+        """The spans from now on in which an object exists; adjacent ones are one."""
+        trajectory = self._trajectory(name)
+        spans: Spans = []
+        for index, (start, item) in enumerate(trajectory):
+            end = trajectory[index + 1][0] if index + 1 < len(trajectory) else FOREVER
+            if item.positive and spans and spans[-1][1] == start:
+                spans[-1] = (spans[-1][0], end)
+            elif item.positive:
+                spans.append((start, end))
+        return spans
+
+    def type_at(self, name: str, t: int) -> str | None:
+        """The type of an object at a time that is not before now (or just before it), None where it does not exist."""
+        if self.domain and name in self.domain.constants:
+            return self.domain.constants[name]
+        stood = [item for at, item in self._trajectory(name) if at <= max(t, self.now)]
+        return stood[-1].type if stood and stood[-1].positive else None
+
+    def types_meet(self, name: str) -> bool:
+        """Whether existences of different types overlap or touch, counting one that lasted until just now."""
+        line = ("state", "object", name)
+        trajectory = self._trajectory(name)
+        if trajectory and trajectory[0][0] == self.now:
+            until_now = [
+                told.item
+                for told in self.world.told
+                if told.timeline == line
+                and told.start < self.now
+                and told.end in (None, self.now)
+                and not told.cancelled_by
+            ]
+            trajectory = [(self.now, item) for item in until_now if isinstance(item, Object)] + trajectory
+        return any(
+            one.positive and other.positive and one.type != other.type
+            for (_, one), (_, other) in itertools.pairwise(trajectory)
+        )
+
+    # -- what is valid ----------------------------------------------------------------------------------------
+
+    def violations_of(self, item: Item, at: int) -> Iterator[str]:
+        match item:
+            case Object():
+                yield from self._object_violations(item, at)
+            case Fact():
+                yield from self._atom_violations("predicate", item.name, item.arguments, at)
+            case Number():
+                yield from self._atom_violations("function", item.name, item.arguments, at)
+            case Metric() | Comparison():
+                for name, arguments in item.reads:
+                    yield from self._atom_violations("function", name, arguments, at)
+            case Condition():
+                for fact in item.facts:
+                    yield from self._atom_violations("predicate", fact.name, fact.arguments, at)
+
+    def _object_violations(self, item: Object, at: int) -> Iterator[str]:
+        if self.domain:
+            if not self.domain.knows_type(item.type):
+                yield f"no type {item.type}"
+                return
+            if item.name in self.domain.constants:
+                yield f"{item.name} is a constant"
+                return
+        if not item.positive:
+            return
+        tried = dict(self.pending), dict(self.standing)
+        line = timeline("state", item)
+        if at > self.now:
+            self.pending[line, at] = item
+        else:
+            self.standing[line] = (item, at)
+        meets = self.types_meet(item.name)
+        self.pending, self.standing = tried
+        exists = self.type_at(item.name, self.now)
+        if at == self.now and exists not in (None, item.type):
+            meets = True
+        if meets:
+            yield f"{item} meets an existence of another type"
+
+    def _atom_violations(self, kind: str, name: str, arguments: tuple[str, ...], at: int) -> Iterator[str]:
+        if WILDCARD in arguments:
+            yield f"{name} {arguments} has a wildcard"
+        if self.domain is None:
+            yield from self._first_use_violations(kind, name, arguments)
+            return
+        found = list(self._symbol_violations(kind, name, arguments))
+        yield from found
+        for types, argument in zip(self._signature(kind, name) or (), arguments, strict=not found):
+            type_name = self.type_at(argument, at)
+            if not found and (type_name is None or not any(self.domain.is_a(type_name, wanted) for wanted in types)):
+                yield f"{argument} in {name} is {type_name}, not {types}"
+
+    def _signature(self, kind: str, name: str) -> Signature | None:
+        assert self.domain
+        return (self.domain.predicates if kind == "predicate" else self.domain.functions).get(name)
+
+    def _first_use_violations(self, kind: str, name: str, arguments: tuple[str, ...]) -> Iterator[str]:
+        """Without a domain a symbol keeps the arity of its first use (rule D2)."""
+        wanted = {"predicate": Fact, "function": Number}[kind]
+        known = {
+            len(told.item.arguments)
+            for told in self.world.told
+            if isinstance(told.item, Fact | Number) and isinstance(told.item, wanted) and told.item.name == name
+        }
+        if known and len(arguments) not in known:
+            yield f"{name} was first used with {known} arguments"
+
+    def pattern_violations_of(self, pattern: Item) -> Iterator[str]:
+        """The symbols and arities of a removal are checked, its objects are not (rule C4)."""
+        match pattern:
+            case Object():
+                if self.domain and pattern.type and not self.domain.knows_type(pattern.type):
+                    yield f"no type {pattern.type}"
+                if self.domain and pattern.name in self.domain.constants:
+                    yield f"{pattern.name} is a constant"
+            case Fact():
+                yield from self._symbol_violations("predicate", pattern.name, pattern.arguments)
+            case Number():
+                yield from self._symbol_violations("function", pattern.name, pattern.arguments)
+            case Metric() | Comparison():
+                for name, arguments in pattern.reads:
+                    yield from self._symbol_violations("function", name, arguments)
+            case Condition():
+                for fact in pattern.facts:
+                    yield from self._symbol_violations("predicate", fact.name, fact.arguments)
+
+    def _symbol_violations(self, kind: str, name: str, arguments: tuple[str, ...]) -> Iterator[str]:
+        if self.domain is None:
+            yield from self._first_use_violations(kind, name, arguments)
+            return
+        signature = self._signature(kind, name)
+        if signature is None:
+            yield f"no {kind} {name}"
+        elif len(signature) != len(arguments):
+            yield f"{name} has {len(signature)} arguments"

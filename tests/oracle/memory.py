@@ -1,0 +1,288 @@
+"""The reference's memory: the transactions in their order, and what they answer about any time."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+from tests.oracle.draft import FOREVER
+from tests.oracle.items import WILDCARD, Fact, Item, Number, Object, matches, timeline
+from tests.oracle.overlay import Overlay, Refused, Update
+from tests.oracle.world import Told, Unsettled, World
+
+TOLERANCE = 1_000_000_000
+
+Placed = tuple[Item, int]
+"""An item with the time from which on it stands (or will stand)."""
+
+
+@dataclass(frozen=True)
+class Event:
+    """A transaction that was accepted: its number, its time, and its updates."""
+
+    number: int
+    time: int
+    updates: tuple[Update, ...]
+
+
+@dataclass(frozen=True)
+class Answer:
+    """The state at a time; every number has its value at that time."""
+
+    domain: str | None
+    instances: frozenset[Placed]
+    facts: frozenset[Placed]
+    functions: frozenset[Placed]
+    inequalities: frozenset[Placed]
+    metric: Placed | None
+    goals: frozenset[Placed]
+    timed_knowledge: frozenset[Placed]
+    running: frozenset[tuple[str, tuple[str, ...], int, int]] = frozenset()
+
+
+@dataclass(frozen=True)
+class Difference:
+    """What `diff` says, with items as the reference has them."""
+
+    became_true: frozenset[Item]
+    became_false: frozenset[Item]
+    withdrawn: frozenset[Item]
+    numbers: frozenset[tuple[str, tuple[str, ...], float | None, float | None]]
+    goals_added: frozenset[Item]
+    goals_removed: frozenset[Item]
+    metric: tuple[str | None, str | None] | None
+
+
+Row = tuple[Item, int, int | None, int, int | None, int | None]
+"""One assertion of a history: item, initial time, end time, and the transactions that recorded, ended, cancelled it."""
+
+
+@dataclass(frozen=True)
+class Change:
+    """One transaction of `changes`: what it asserted, ended at its own time, and cancelled."""
+
+    number: int
+    asserted: frozenset[Placed]
+    ended: frozenset[Placed]
+    cancelled: frozenset[Placed]
+
+
+class Reference:
+    """A knowledge base that remembers only its transactions."""
+
+    def __init__(self, use_unknowns: bool = False) -> None:
+        self.events: list[Event] = []
+        self.use_unknowns = use_unknowns
+
+    @property
+    def latest(self) -> Event:
+        """The latest transaction; before the first, one with the number 0."""
+        return self.events[-1] if self.events else Event(0, 0, ())
+
+    def now(self, clock: int) -> int:
+        """Now in questions: the later of the clock and the latest recorded time (rule T3)."""
+        return max(clock, self.latest.time)
+
+    def write(self, clock: int, updates: Iterable[Update]) -> int:
+        """Make a transaction; returns how much changed. Raises `Refused`, or `Unsettled` where no rule decides."""
+        if clock < self.latest.time - TOLERANCE:
+            raise Refused("ClockWentBackwards", f"the clock says {clock}, and the latest time is {self.latest.time}")
+        event = Event(self.latest.number + 1, self.now(clock), tuple(updates))
+        overlay = self.tried(event)
+        overlay.refuse()
+        changes = overlay.finish(event.number)
+        if changes:
+            self.events.append(event)
+        return changes
+
+    def tried(self, event: Event) -> Overlay:
+        """A transaction as it would be, on top of all that came before."""
+        overlay = Overlay(self.world(), event.time)
+        for update in event.updates:
+            overlay.apply(update)
+        return overlay
+
+    def world(self, until: int = FOREVER, number: int = FOREVER) -> World:
+        """What is believed after the transactions up to a time and a number, replayed from the first."""
+        world = World(use_unknowns=self.use_unknowns)
+        for event in self.events:
+            if event.time <= until and event.number <= number:
+                overlay = Overlay(world, event.time)
+                for update in event.updates:
+                    overlay.apply(update)
+                overlay.finish(event.number)
+        return world
+
+    # -- questions --------------------------------------------------------------------------------------------
+
+    def state(self, at: int, as_of: int = FOREVER, number: int = FOREVER, clock: int = 0) -> Answer:
+        """The state at a time, as believed at the time `as_of`, or after the transaction `number` (rules Q1, Q2).
+
+        Nothing that is recorded after `at` can bear on it (rule T5), so that it need not be replayed. What runs is
+        expected to end as it was meant to, if that lies after the time of asking (rule O3).
+        """
+        asked = min(as_of, self.now(clock))
+        if number <= self.latest.number:
+            asked = self.events[number - 1].time
+        world = self.world(min(at, as_of), number)
+        expect(world, at, asked)
+        return answer(world, at)
+
+    def history(self) -> list[Row]:
+        """Every assertion about the state and the goals, in the order of its time, then of its recording (rule Q3)."""
+        world = self.world()
+        world.advance(FOREVER)
+        return [_row(told) for told in sorted(world.told, key=lambda told: (told.start, told.recorded))]
+
+    def changes(self) -> list[Change]:
+        """Each transaction with what it did (rule Q6)."""
+        world = self.world()
+        world.advance(FOREVER)
+        return [
+            Change(
+                event.number,
+                frozenset((told.item, told.start) for told in world.told if told.recorded == event.number),
+                frozenset(
+                    (told.item, told.start)
+                    for told in world.told
+                    if told.ended_by == event.number and told.end == event.time
+                ),
+                frozenset((told.item, told.start) for told in world.told if told.cancelled_by == event.number),
+            )
+            for event in self.events
+        ]
+
+    def diff(self, t1: int, t2: int) -> Difference:
+        """What is said at t2 and was not at t1, and the reverse (rule Q5)."""
+        before, after = self.state(t1), self.state(t2)
+        told_before, told_after = _said(before), _said(after)
+        lines_after = {timeline("state", item): item for item in told_after}
+        values_before = {(i.name, i.arguments): i.value for i, _ in before.functions if isinstance(i, Number)}
+        values_after = {(i.name, i.arguments): i.value for i, _ in after.functions if isinstance(i, Number)}
+        goals_before = frozenset(goal for goal, _ in before.goals)
+        goals_after = frozenset(goal for goal, _ in after.goals)
+        metrics = tuple(getattr(state.metric[0], "text", None) if state.metric else None for state in (before, after))
+        return Difference(
+            became_true=frozenset(item for item in told_after - told_before if _positive(item)),
+            became_false=frozenset(item for item in told_after - told_before if not _positive(item)),
+            withdrawn=frozenset(
+                item
+                for item in told_before - told_after
+                if isinstance(item, Object) or timeline("state", item) not in lines_after
+            ),
+            numbers=frozenset(
+                (*term, values_before.get(term), values_after.get(term))
+                for term in values_before.keys() | values_after.keys()
+                if values_before.get(term) != values_after.get(term)
+            ),
+            goals_added=goals_after - goals_before,
+            goals_removed=goals_before - goals_after,
+            metric=None if metrics[0] == metrics[1] else (metrics[0], metrics[1]),
+        )
+
+    def sign(self, fact: Fact, at: int) -> bool | None:
+        """True where a fact is asserted, False where it is explicitly false, None where it is absent (rule V2)."""
+        signs = [
+            item.positive
+            for item, _ in self.state(at).facts
+            if isinstance(item, Fact) and (item.name, item.arguments) == (fact.name, fact.arguments)
+        ]
+        return signs[0] if signs else None
+
+    def some_sign(self, pattern: Fact, at: int) -> list[Fact]:
+        """All facts of either sign that a question's pattern matches at a time (rule V7)."""
+        return [
+            item
+            for item, _ in self.state(at).facts
+            if isinstance(item, Fact) and matches(replace(pattern, positive=item.positive), item)
+        ]
+
+    def reason(self, fact: Fact, at: int) -> tuple[str, int | None]:
+        """Why a fact holds or not at a time, with the number of the transaction that made it so (rule V6)."""
+        assert WILDCARD not in fact.arguments
+        world = self.world(at)
+        world.advance(at)
+        line = timeline("state", fact)
+        if line in world.standing:
+            told = world.standing[line]
+            assert isinstance(told.item, Fact)
+            return ("asserted" if told.item.positive else "explicitly false"), told.recorded
+        ended = [told for told in world.told if told.timeline == line and told.end is not None]
+        if not ended:
+            return "never told", None
+        last = max(ended, key=lambda told: (told.end or 0, told.start, told.recorded))
+        return ("expired with its instance" if last.end_cause == "object" else "removed"), last.ended_by
+
+
+def expect(world: World, at: int, asked: int) -> None:
+    """Let time pass until `at`, with the ends of running actions that are expected after the time of asking."""
+    world.advance(min(at, asked))
+    world.expecting = True
+    while True:
+        ends = [run for run in world.running if asked < run.expected_end <= at]
+        if not ends:
+            break
+        moment = min(run.expected_end for run in ends)
+        if any(start == moment for _, start in world.pending):
+            raise Unsettled("something is scheduled for the very time of an expected end")
+        world.advance(moment)
+        due = [run for run in ends if run.expected_end == moment and run.ended is None]
+        if len(due) > 1:
+            raise Unsettled("two actions are expected to end at one time")
+        for run in due:
+            overlay = Overlay(world, moment)
+            overlay.apply(Update("end", run.start))
+            if overlay.violations or overlay.failures:
+                raise Unsettled("an expected end whose effects are impossible")
+            overlay.finish(0)
+        asked = moment
+    world.advance(at)
+
+
+def answer(world: World, at: int) -> Answer:
+    """What a world says at a time: what stands then, and what is scheduled after it."""
+    world.advance(at)
+
+    def standing(role: str, *kinds: str) -> frozenset[Placed]:
+        return frozenset(
+            (_valued(world, told, at), told.start)
+            for line, told in world.standing.items()
+            if line[0] == role and (not kinds or line[1] in kinds)
+        )
+
+    metrics = standing("state", "metric")
+    return Answer(
+        domain=world.domain.name if world.domain else None,
+        instances=frozenset(
+            (item, start) for item, start in standing("state", "object") if isinstance(item, Object) and item.positive
+        ),
+        facts=standing("state", "fact"),
+        functions=standing("state", "function"),
+        inequalities=standing("state", "inequality"),
+        metric=next(iter(metrics), None),
+        goals=standing("goal"),
+        timed_knowledge=frozenset(
+            (told.item, start) for (line, start), told in world.pending.items() if line[0] == "state"
+        ),
+        running=frozenset(
+            (run.start.action.name, run.start.arguments, run.started, run.start.duration) for run in world.running
+        ),
+    )
+
+
+def _valued(world: World, told: Told, at: int) -> Item:
+    if isinstance(told.item, Number):
+        return replace(told.item, value=world.value(told.item, told.start, at))
+    return told.item
+
+
+def _row(told: Told) -> Row:
+    if told.cancelled_by:
+        return told.item, told.start, told.start, told.recorded, None, told.cancelled_by
+    return told.item, told.start, told.end, told.recorded, told.ended_by, None
+
+
+def _positive(item: Item) -> bool:
+    return getattr(item, "positive", True)
+
+
+def _said(state: Answer) -> frozenset[Item]:
+    return frozenset(item for item, _ in state.instances | state.facts | state.inequalities)

@@ -1,0 +1,57 @@
+"""Processes that archive, and are killed at a given call of the database."""
+
+import multiprocessing
+import os
+import signal
+
+import kbstore
+from kbstore.storage.connection import StoreConnection
+
+_context = multiprocessing.get_context("forkserver")
+_context.set_forkserver_preload(["tests.transfer.processes", "psycopg"])
+
+CALLS = ("begin", "commit", "run", "many")
+
+
+def calling(act):
+    """Have `act` called before each call of the database that writes; returns what takes that back."""
+    originals = {name: getattr(StoreConnection, name) for name in CALLS}
+
+    def wrapped(original):
+        def call(*arguments, **options):
+            act()
+            return original(*arguments, **options)
+
+        return call
+
+    for name, original in originals.items():
+        setattr(StoreConnection, name, wrapped(original))
+
+    def restore():
+        for name, original in originals.items():
+            setattr(StoreConnection, name, original)
+
+    return restore
+
+
+def archive(url, name, before, path, killed_at):
+    """Archive, and be killed (as by kill -9) right before the given call, counted from 1."""
+    kb = kbstore.open(url, name)
+    made = 0
+
+    def count():
+        nonlocal made
+        made += 1
+        if made == killed_at:
+            os.kill(os.getpid(), signal.SIGKILL)
+
+    calling(count)
+    kb.archive(before, path)
+
+
+def killed(*arguments):
+    """Run `archive` in a process of its own; its exit code."""
+    process = _context.Process(target=archive, args=arguments)
+    process.start()
+    process.join(60)
+    return process.exitcode

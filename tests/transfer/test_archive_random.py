@@ -1,0 +1,63 @@
+"""Archives of random lives: with scheduled, cancelled and ended things, objects, goals, metric, domains and runs."""
+
+import pytest
+
+import kbstore
+from kbstore import HistoryUnavailable, ManualClock, seconds
+from tests.transfer.lives import START, answers, live, picture, reasons
+
+STEPS = 32
+
+
+def lived(open_kb, seed, until=None):
+    """A knowledge base after a random life, or after the part of it before a time; and its clock."""
+    clock = ManualClock(START)
+    kb = open_kb(clock=clock)
+    for t in live(kb, clock, seed, STEPS):
+        if until is not None and t >= until:
+            break
+    return kb, clock
+
+
+def middle(kb):
+    """Times about a third and two thirds through a life, at or between transactions."""
+    changes = list(kb.changes())
+    return changes[len(changes) // 3].time, changes[2 * len(changes) // 3].time + seconds(1) // 2
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_an_archive_answers_as_the_store_did(open_kb, archive_path, seed):
+    """Q7: an archive answers every question as the store would have, had nothing been recorded from that time on."""
+    kb, _ = lived(open_kb, seed)
+    for before in middle(kb):
+        kb.archive(before, archive_path)
+        stopped, clock = lived(open_kb, seed, until=before)
+        clock.set(before - 1)
+        with kbstore.open(archive_path, kb.name) as archive:
+            assert archive.now() == before - 1
+            assert answers(archive, 0, before - 1, expected=False) == answers(stopped, 0, before - 1, expected=False)
+            assert reasons(archive, before - 1) == reasons(stopped, before - 1)
+            assert picture(archive.state()) == picture(stopped.state())
+            with pytest.raises(HistoryUnavailable, match="ends at"):
+                archive.state(at=before)
+
+
+@pytest.mark.parametrize("seed", range(4, 6))
+def test_the_store_answers_as_before(open_kb, archive_path, seed):
+    """Q7: questions that need nothing from before get the same answers after archiving, now and about the future."""
+    kb, _ = lived(open_kb, seed)
+    record = [(change.number, change.time) for change in kb.changes()]
+    latest = record[-1][1]
+    for before in (*middle(kb), latest):
+        last = max(number for number, t in record if t < before)
+        expected = answers(kb, before, latest, last)
+        why = {t: reasons(kb, t) for t in (before, latest)}
+        kb.archive(before, archive_path)
+        assert kb.history_from == before
+        assert answers(kb, before, latest, last) == expected
+        for t, known in why.items():
+            found = reasons(kb, t)
+            assert found == {atom: found[atom] if found[atom] == "archived" else known[atom] for atom in known}
+        with pytest.raises(HistoryUnavailable, match="archived"):
+            kb.state(at=before - 1)
+    assert kb.add("new - robot", "(= (battery new) 3)").number == record[-1][0] + 1
