@@ -24,6 +24,7 @@ from kbstore.model.formulas import (
     When,
     WhenAtStart,
     atoms_of,
+    children,
 )
 from kbstore.names import key
 from kbstore.pddl.printer import effect_text
@@ -192,13 +193,12 @@ class ActionTranslator:
 
 def changed_functions(domain: Domain) -> Iterator[str]:
     """The keys of the functions that some operator changes."""
-    todo: list[Effect] = [effect for action in domain.actions.values() for _, effect in action.effects]
+    todo: list[Formula | Effect] = [effect for action in domain.actions.values() for _, effect in action.effects]
     while todo:
-        match todo.pop():
-            case When(_, parts) | WhenAtStart(_, parts) | ForEach(_, parts):
-                todo.extend(parts)
-            case NumericEffect(_, function, _):
-                yield key(function.name)
+        node = todo.pop()
+        if isinstance(node, NumericEffect):
+            yield key(node.function.name)
+        todo.extend(children(node))
 
 
 def _conjuncts(condition: Formula) -> Iterator[Formula]:

@@ -8,21 +8,7 @@ from typing import Any
 
 from kbstore.errors import InvalidKnowledge, KbStoreError
 from kbstore.model.domain import ROOT_TYPE, Domain, Signature
-from kbstore.model.formulas import (
-    And,
-    Effect,
-    Exists,
-    Forall,
-    ForEach,
-    Formula,
-    Imply,
-    Not,
-    Or,
-    Parameter,
-    Preference,
-    When,
-    WhenAtStart,
-)
+from kbstore.model.formulas import Effect, Exists, Forall, ForEach, Formula, Parameter, children
 from kbstore.names import key
 
 
@@ -156,21 +142,10 @@ def quantified(formula: Formula | Effect) -> Iterator[str]:
     """The types that the quantifiers of a condition or an effect range over."""
     todo: list[Formula | Effect] = [formula]
     while todo:
-        match todo.pop():
-            case Exists(parameters, part) | Forall(parameters, part):
-                yield from (type_name for p in parameters for type_name in p.types)
-                todo.append(part)
-            case ForEach(parameters, effects):
-                yield from (type_name for p in parameters for type_name in p.types)
-                todo.extend(effects)
-            case When(condition, effects) | WhenAtStart(condition, effects):
-                todo.extend((condition, *effects))
-            case Not(part) | Preference(_, part):
-                todo.append(part)
-            case And(parts) | Or(parts):
-                todo.extend(parts)
-            case Imply(premise, conclusion):
-                todo.extend((premise, conclusion))
+        node = todo.pop()
+        if isinstance(node, Exists | Forall | ForEach):
+            yield from (type_name for parameter in node.parameters for type_name in parameter.types)
+        todo.extend(children(node))
 
 
 def ambiguous_names(domain: Domain, objects: Iterable[str]) -> list[str]:

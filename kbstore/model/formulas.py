@@ -4,9 +4,10 @@ Names stand here as they were written; whoever compares them does so by `kbstore
 with ``?`` are variables; a bare ``?`` (or a free variable in a question) matches any object (rule V7).
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from enum import Enum
+from typing import assert_never, overload
 
 from kbstore.messages.enums import AssignOp, ComparisonType, Operator, SpecialType
 
@@ -194,6 +195,48 @@ class ForEach:
 
 
 Effect = Add | Delete | NumericEffect | When | WhenAtStart | ForEach
+
+
+@overload
+def children(node: Formula) -> tuple[Formula, ...]: ...
+@overload
+def children(node: Effect) -> tuple[Formula | Effect, ...]: ...
+def children(node: Formula | Effect) -> tuple[Formula | Effect, ...]:
+    """Return the conditions and effects directly within a condition or an effect, in the order of the text."""
+    match node:
+        case Not(part) | Preference(_, part) | Exists(_, part) | Forall(_, part):
+            return (part,)
+        case And(parts) | Or(parts):
+            return parts
+        case Imply(premise, conclusion):
+            return (premise, conclusion)
+        case When(condition, effects) | WhenAtStart(condition, effects):
+            return (condition, *effects)
+        case ForEach(_, effects):
+            return effects
+        case Atom() | Truism() | Same() | Comparison() | Defined() | IsA() | Add() | Delete() | NumericEffect():
+            return ()
+        case _:
+            assert_never(node)
+
+
+def map_children(node: Formula, f: Callable[[Formula], Formula]) -> Formula:
+    """Return the condition with `f` applied to each condition directly within it; an atom is returned as it is."""
+    match node:
+        case Not(part):
+            return Not(f(part))
+        case And(parts) | Or(parts):
+            return type(node)(tuple([f(part) for part in parts]))
+        case Imply(premise, conclusion):
+            return Imply(f(premise), f(conclusion))
+        case Exists(parameters, part) | Forall(parameters, part):
+            return type(node)(parameters, f(part))
+        case Preference(name, part):
+            return Preference(name, f(part))
+        case Atom() | Truism() | Same() | Comparison() | Defined() | IsA():
+            return node
+        case _:
+            assert_never(node)
 
 
 def atoms_of(expression: NumericExpression) -> Iterator[Atom]:
