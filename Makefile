@@ -1,22 +1,35 @@
 PYTHON ?= python3
 BIN := .venv/bin
+INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --editable
 
 .PHONY: demo test lint bench
 
-demo: .venv/installed
+demo: .venv/runtime
 	$(BIN)/python -m kbstore.demo
 
-test: .venv/installed
+test: .venv/dev
 	$(BIN)/python -m pytest -n auto
 
-lint: .venv/installed
+lint: .venv/dev
 	$(BIN)/ruff check && $(BIN)/ruff format --check && $(BIN)/mypy
 
-bench: .venv/installed
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev,bench]'
+bench: .venv/bench
 	$(BIN)/python -m benchmarks
 
-.venv/installed: pyproject.toml
-	$(PYTHON) -m venv .venv
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
-	touch $@
+# One environment, filled as far as a target needs it: kbstore's dependencies, the tools of the tests, the benchmarks'
+# peers. A stamp says how far it is.
+.venv/runtime: pyproject.toml
+	@echo "Setting up .venv with kbstore and its dependencies (about 90 MB), once."
+	@$(PYTHON) -m venv .venv
+	@$(INSTALL) .
+	@touch $@
+
+.venv/dev: .venv/runtime
+	@echo "Installing what the tests need into .venv (about 400 MB more), once."
+	@$(INSTALL) '.[dev]'
+	@touch $@
+
+.venv/bench: .venv/dev
+	@echo "Installing what the benchmarks compare with into .venv, once."
+	@$(INSTALL) '.[dev,bench]'
+	@touch $@

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
 from statistics import median
-from typing import Any
 
 import kbstore
 from benchmarks.histories import PASSING, START, STEP, UNIFORM, History, fact
@@ -24,26 +23,23 @@ _AHEAD = 1.0
 
 @dataclass(frozen=True)
 class _Kind:
-    """A peer: the distribution to install, where it is adapted, and what it is made with besides a path."""
+    """A peer: the distribution to install, and the class that adapts it."""
 
     name: str
     distribution: str
     module: str
     type_name: str
-    options: tuple[Any, ...] = ()
     ahead_in_bulk: bool = True
 
     def make(self, path: Path) -> Peer:
         """A new one. Raises `ModuleNotFoundError` if it is not installed."""
         module = importlib.import_module(f"benchmarks.peers.{self.module}")
-        peer: Peer = getattr(module, self.type_name)(path, *self.options)
+        peer: Peer = getattr(module, self.type_name)(path)
         return peer
 
 
 PEERS = (
-    _Kind("CozoDB, sqlite", "cozo-embedded", "cozo", "Cozo", ("sqlite",)),
-    _Kind("CozoDB, rocksdb", "cozo-embedded", "cozo", "Cozo", ("rocksdb",)),
-    _Kind("DuckDB", "duckdb", "duck", "Duck", (), False),
+    _Kind("DuckDB", "duckdb", "duck", "Duck", False),
     _Kind("SQLAlchemy-Continuum", "SQLAlchemy-Continuum", "continuum", "Continuum"),
     _Kind("eventsourcing", "eventsourcing", "sourced", "Sourced"),
 )
@@ -55,7 +51,7 @@ def measure(settings: Settings) -> Iterator[Result | Missing]:
         for shape in (UNIFORM, PASSING):
             history = History(shape, settings.peers)
             try:
-                peer = kind.make(settings.new("-".join((kind.module, *kind.options, shape.split()[0]))))
+                peer = kind.make(settings.new(f"{kind.module}-{shape.split()[0]}"))
             except ModuleNotFoundError:
                 yield Missing(kind.name, f"not installed: pip install {kind.distribution}")
                 break
@@ -98,13 +94,11 @@ def _writing(settings: Settings, kind: _Kind, peer: Peer, history: History) -> I
     store = settings.new("beside")
     copy(settings.store(history), store)
     clock = _clock(history)
-    durability = "full" if peer.durable else "normal"
-    with kbstore.open(store, "bench", clock=clock, durability=durability) as kb:
+    with kbstore.open(store, "bench", clock=clock) as kb:
         flips = _Flips(clock, {" ".join(item.key): item.is_negative for item in kb.state().facts})
         ways = {"ours": flips.way(lambda c: kb.add(fact(c.key, bool(c.is_negative)))), "theirs": flips.way(peer.write)}
         found = side_by_side(ways, clock=WALL, seconds=settings.seconds, minimum=50)
-        what = "single durable write" if peer.durable else "single write, neither waits for the disk"
-        yield Result(what, kind.name, found["ours"], found["theirs"], _AHEAD)
+        yield Result("single durable write", kind.name, found["ours"], found["theirs"], _AHEAD)
         yield _bulk(settings, kind, peer, kb, clock)
 
 

@@ -42,8 +42,6 @@ _Transaction: Any = transaction_class(_Fact)
 class Continuum:
     """Facts and their versions in an SQLite file, with the settings of a kbstore store."""
 
-    durable = True
-
     def __init__(self, path: Path) -> None:
         self._engine = sa.create_engine(f"sqlite:///{path}")
         sa.event.listen(self._engine, "connect", _set)

@@ -13,8 +13,6 @@ from kbstore.clock import OPEN
 class Duck:
     """Facts with the time from which, and until which, they stood. The write-ahead log is synced at each commit."""
 
-    durable = True
-
     def __init__(self, path: Path) -> None:
         self._csv = path.with_suffix(".csv")
         # a history of this size is one row group, which one thread scans; others would only add to the CPU time

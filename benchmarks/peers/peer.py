@@ -25,10 +25,7 @@ Standing = dict[str, bool]
 
 
 class Peer(Protocol):
-    """A store that can tell what stood when. Times only grow."""
-
-    durable: bool
-    """Whether a write that returned outlasts a loss of power."""
+    """A store that can tell what stood when. Times only grow; a write that returned outlasts a loss of power."""
 
     def tell(self, changes: Iterable[Change]) -> None:
         """Take a history, the fastest way; changes of one time are one transaction."""

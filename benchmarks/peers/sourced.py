@@ -42,8 +42,6 @@ class _Worlds(Application[UUID]):
 class Sourced:
     """One stream of events. The times of its versions are kept in memory, which costs it nothing here."""
 
-    durable = True
-
     def __init__(self, path: Path) -> None:
         self._application = _Worlds({"PERSISTENCE_MODULE": "eventsourcing.sqlite", "SQLITE_DBNAME": str(path)})
         world = World()

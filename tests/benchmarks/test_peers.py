@@ -17,7 +17,7 @@ _SIZE = 1300
 @pytest.fixture(params=PEERS, ids=lambda kind: kind.name)
 def kind(request):
     """Each peer that is installed."""
-    name = {"cozo": "cozo_embedded", "duck": "duckdb", "continuum": "sqlalchemy_continuum", "sourced": "eventsourcing"}
+    name = {"duck": "duckdb", "continuum": "sqlalchemy_continuum", "sourced": "eventsourcing"}
     pytest.importorskip(name[request.param.module], reason=f"pip install {request.param.distribution}")
     return request.param
 

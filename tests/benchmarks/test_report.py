@@ -29,16 +29,16 @@ def test_figures_have_units_that_suit_them(figure, unit, text):
 def test_what_is_missing_stands_in_the_table():
     """A peer that is not installed has a row that says so."""
     output = io.StringIO()
-    show([Result("state", "raw", 3.0, 2.0), Missing("CozoDB", "not installed")], Console(file=output, width=120))
+    show([Result("state", "raw", 3.0, 2.0), Missing("DuckDB", "not installed")], Console(file=output, width=120))
     table = output.getvalue()
     assert "1.50" in table
-    (row,) = (line for line in table.splitlines() if "CozoDB" in line)
+    (row,) = (line for line in table.splitlines() if "DuckDB" in line)
     assert "not installed" in row
 
 
 def test_the_table_for_a_document_has_as_many_cells_in_each_row():
     """In Markdown every row has the seven cells of the heading, what is missing included."""
-    lines = markdown([Result("state", "raw", 3e-3, 2e-3, 2.5), Missing("CozoDB", "not installed")]).splitlines()
+    lines = markdown([Result("state", "raw", 3e-3, 2e-3, 2.5), Missing("DuckDB", "not installed")]).splitlines()
     assert [line.count("|") for line in lines] == [8] * 4
     assert lines[2] == "| state | raw | 3 ms | 2 ms | 1.50 | 2.5 | yes |"
 

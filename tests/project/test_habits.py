@@ -1,6 +1,7 @@
-"""The first five minutes, and what every committed file has to keep to."""
+"""First contact, and what every committed file has to keep to."""
 
 import re
+import shutil
 import subprocess
 import tomllib
 
@@ -12,24 +13,36 @@ _listed = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, tex
 COMMITTED = _listed.stdout.splitlines()
 
 
-@pytest.mark.parametrize("command", ["make demo", "make test"])
-def test_the_readme_begins_with_two_commands(command):
-    """Both commands stand on lines of their own among the first 60 of the README."""
-    assert command in (ROOT / "README.md").read_text().splitlines()[:60]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 
 
-@pytest.mark.parametrize("target", ["demo", "test", "lint", "bench"])
-def test_each_target_calls_a_tool_itself(target):
-    """Each target of the Makefile is a line or two."""
-    makefile = (ROOT / "Makefile").read_text()
-    recipe = re.search(rf"^{target}:.*\n((?:\t.*\n)+)", makefile, re.MULTILINE)
-    assert recipe
-    assert 1 <= recipe[1].count("\n") <= 2
+def test_the_demonstration_installs_no_extra(tmp_path):
+    """On a fresh machine `make demo` installs kbstore and its dependencies; `make test` installs the extra dev."""
+    for name in ("Makefile", "pyproject.toml"):
+        shutil.copy(ROOT / name, tmp_path)
+    recipes = {
+        target: subprocess.run(
+            ["make", "--dry-run", "--directory", tmp_path, target], capture_output=True, text=True, check=True
+        ).stdout
+        for target in ("demo", "test")
+    }
+    assert "pip install" in recipes["demo"]
+    assert ".[" not in recipes["demo"]
+    assert "[dev]" in recipes["test"]
+
+
+@pytest.mark.parametrize("extra", sorted(set(PROJECT["project"]["optional-dependencies"]) - {"dev", "bench"}))
+def test_an_extra_exists_when_its_code_does(extra):
+    """Each distribution of a user's extra is named by the code that uses it."""
+    sources = "".join(path.read_text() for path in (ROOT / "kbstore").rglob("*.py"))
+    for requirement in PROJECT["project"]["optional-dependencies"][extra]:
+        name = re.match(r"[\w-]+", requirement)[0].replace("-", "_")
+        assert re.search(rf"\b{name}\b", sources), f"{extra}: nothing uses {requirement}"
 
 
 def test_tests_show_why_anything_is_skipped():
     """Pytest runs with -ra, strict markers and strict configuration, and warnings are errors."""
-    options = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["pytest"]["ini_options"]
+    options = PROJECT["tool"]["pytest"]["ini_options"]
     assert {"-ra", "--strict-markers", "--strict-config"} <= set(options["addopts"].split())
     assert options["filterwarnings"][0] == "error"
 
