@@ -4,6 +4,7 @@ import importlib
 from collections import Counter, OrderedDict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Any
 
 from kbstore.errors import InvalidKnowledge, KbStoreError
@@ -125,9 +126,20 @@ class SymbolTranslator:
     def _fluent(self, signature: Signature, values: Any) -> Any:
         name = key(signature.name)
         if name not in self._fluents:
-            parameters = self.parameters(signature.parameters)
+            parameters = self.parameters(_distinct(signature.parameters))
             self._fluents[name] = self._up.model.Fluent(signature.name, values, parameters, self.environment)
         return self._fluents[name]
+
+
+def _distinct(parameters: Sequence[Parameter]) -> list[Parameter]:
+    """The parameters of a predicate or function; a name that is given twice, as PDDL allows, gets a number."""
+    names: dict[str, str] = {}
+    for parameter in parameters:
+        name, number = parameter.name, 2
+        while key(name) in names:
+            name, number = f"{parameter.name}_{number}", number + 1
+        names[key(name)] = name
+    return [replace(p, name=name) for p, name in zip(parameters, names.values(), strict=True)]
 
 
 def common_type(domain: Domain, types: Sequence[str]) -> str:

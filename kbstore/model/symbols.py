@@ -97,9 +97,11 @@ class SymbolTable:
             )
         if not any(labels):
             return spelled, tuple(arguments)
-        by_label = dict(zip(map(key, labels), arguments, strict=True))
         wanted = [key(label) for label in known]
-        if sorted(map(key, labels)) != sorted(wanted):
+        if [key(label) for label in labels] == wanted:
+            return spelled, tuple(arguments)
+        by_label = dict(zip(map(key, labels), arguments, strict=True))
+        if len(by_label) != len(wanted) or by_label.keys() != set(wanted):
             given = ", ".join(label or "(none)" for label in labels)
             raise InvalidKnowledge(f"{atom}: its labels are {given}; expected {', '.join(known)}: {declared}")
         return spelled, tuple(by_label[label] for label in wanted)

@@ -1,7 +1,7 @@
 """Domains: from PDDL text to `kbstore.model.domain.Domain`."""
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
 from kbstore.errors import InvalidKnowledge
@@ -76,35 +76,55 @@ def _types(context: Scope, definition: Definition) -> dict[str, str]:
     section = definition.one(":types") or Group()
     words = [word for word in section[1:] if isinstance(word, str)]
     glued = replace(context, domain=Domain("", types=dict.fromkeys(words, ROOT_TYPE)))
-    types: dict[str, str] = {}
+    declared = list(read_typed_list(glued, section, 1))
+    parents_of: dict[str, dict[str, str]] = {}
     places: dict[str, int] = {}
     spellings: dict[str, str] = {}
-    parents_seen: dict[str, str] = {}
-    for index, name, parents, _ in read_typed_list(glued, section, 1):
+    for index, name, parents, types_place in declared:
         check_name(context, "type", section, index, name)
-        parent = f"(either {' '.join(parents)})" if len(parents) > 1 else "".join(parents) or ROOT_TYPE
-        for each in parents:
-            parents_seen.setdefault(key(each), each)
+        # a type that is said to be below itself is one of the top types
+        above = {key(parent): parent for parent in parents if key(parent) != key(name)}
         if key(name) == ROOT_TYPE:
-            if key(parent) != ROOT_TYPE:
-                raise context.error("the type object is above all types, and has no parent", section, index)
+            if above:
+                raise context.error(
+                    f"the type object is above all types, and is not below {' or '.join(above.values())}"
+                    f"{_shared_type(declared, types_place, parents)}",
+                    section,
+                    index,
+                )
             continue
-        known = spellings.setdefault(key(name), name)
-        if known in types:
-            # some files say first that a type is an object, and then what kind of object
-            if (key(types[known]) == ROOT_TYPE) == (key(parent) == ROOT_TYPE):
-                raise context.error(f"the type {name} is declared for the second time", section, index)
-            parent = types[known] if key(parent) == ROOT_TYPE else parent
-        types[known] = parent
+        spellings.setdefault(key(name), name)
         places.setdefault(key(name), index)
-    for name in parents_seen.values():
-        if key(name) != ROOT_TYPE and key(name) not in spellings:
-            types[name] = ROOT_TYPE
-    _check_cycles(context, section, types, places)
+        # a type that is declared again is a subtype of each of its parents (rule P4)
+        parents_of.setdefault(key(name), {}).update({k: v for k, v in above.items() if k != ROOT_TYPE})
+    for _, _, parents, _ in declared:
+        for parent in parents:
+            if key(parent) != ROOT_TYPE:
+                spellings.setdefault(key(parent), parent)
+    types = {name: _type_text(list(parents_of.get(name_key, {}).values())) for name_key, name in spellings.items()}
+    _check_cycles(context, section, types, places, declared)
     return types
 
 
-def _check_cycles(context: Scope, section: Group, types: dict[str, str], places: dict[str, int]) -> None:
+def _type_text(types: Sequence[str]) -> str:
+    return f"(either {' '.join(types)})" if len(types) > 1 else types[0] if types else ROOT_TYPE
+
+
+def _shared_type(declared: Iterable[Typed], types_place: int, parents: Sequence[str]) -> str:
+    """What a typed list means, as the end of a sentence, where several names have the type that stands at a place."""
+    names = [typed.name for typed in declared if typed.types_place == types_place]
+    if len(names) < 2:
+        return ""
+    shown = ", ".join(names[:12]) + (" ..." if len(names) > 12 else "")
+    return (
+        f"; '- {_type_text(parents)}' is the type of all names since the type before it, also across lines: {shown}; "
+        "write names without a type last, or give them '- object'"
+    )
+
+
+def _check_cycles(
+    context: Scope, section: Group, types: dict[str, str], places: dict[str, int], declared: Sequence[Typed]
+) -> None:
     """Refuse a type that is below itself: types are taken away as long as nothing is left above them (Kahn, 1962)."""
     above = {key(name): set(type_keys(parent)) - {ROOT_TYPE} for name, parent in types.items()}
     below: dict[str, list[str]] = {}
@@ -127,8 +147,14 @@ def _check_cycles(context: Scope, section: Group, types: dict[str, str], places:
         path = path[path.index(name) :]
         name = min(path, key=places.__getitem__)
         shown = path[path.index(name) :] + path[: path.index(name)]
+        shared = (
+            _shared_type(declared, typed.types_place, typed.types)
+            for typed in declared
+            if key(typed.name) in path and any(key(parent) in path for parent in typed.types)
+        )
         raise context.error(
-            f"the type {name} is below itself: {' - '.join([*shown, name])}; types must not form a cycle",
+            f"the type {name} is below itself: {' - '.join([*shown, name])}; types must not form a cycle"
+            f"{next(filter(None, shared), '')}",
             section,
             places[name],
         )
@@ -136,15 +162,18 @@ def _check_cycles(context: Scope, section: Group, types: dict[str, str], places:
 
 def _constants(context: Scope, definition: Definition) -> dict[str, str]:
     section = definition.one(":constants") or Group()
-    constants: dict[str, str] = {}
-    seen: set[str] = set()
+    constants: dict[str, tuple[str, str]] = {}
     for typed in read_typed_list(context, section, 1):
         check_name(context, "constant", section, typed.place, typed.name)
-        if key(typed.name) in seen:
-            raise context.error(f"the constant {typed.name} is declared for the second time", section, typed.place)
-        seen.add(key(typed.name))
-        constants[typed.name] = object_type(context, section, typed)
-    return constants
+        type_name = object_type(context, section, typed)
+        _, known = constants.setdefault(key(typed.name), (typed.name, type_name))
+        if known != type_name:
+            raise context.error(
+                f"the constant {typed.name} is declared for the second time, as {type_name}; before it is {known}",
+                section,
+                typed.place,
+            )
+    return dict(constants.values())
 
 
 def object_type(context: Scope, group: Group, typed: Typed) -> str:
@@ -201,12 +230,14 @@ def _functions(context: Scope, definition: Definition) -> dict[str, Signature]:
 
 def _declare(context: Scope, what: str, group: Group, signatures: dict[str, Signature]) -> None:
     name = check_name(context, what, group, 0)
-    if key(name) in signatures:
-        raise context.error(f"the {what} {name} is declared for the second time", group, 0)
-    parameters = read_parameters(context, group, 1)
+    parameters = read_parameters(context, group, 1, positional=True)
     for parameter in parameters:
         check_name(context, "parameter", group, 1, parameter.name)
-    signatures[key(name)] = Signature(name, parameters)
+    known = signatures.setdefault(key(name), Signature(name, parameters))
+    if [parameter.types for parameter in known.parameters] != [parameter.types for parameter in parameters]:
+        raise context.error(
+            f"the {what} {name} is declared for the second time, and differently: before it is {known}", group, 0
+        )
 
 
 def _derived_name(section: Group) -> str:
@@ -241,9 +272,10 @@ def _actions(context: Scope, definition: Definition) -> dict[str, Action]:
     for section in definition.sections:
         if section.word(0) in (":action", ":durative-action"):
             action = ActionReader(context).read(section)
-            if key(action.name) in actions:
-                raise context.error(f"the action {action.name} is declared for the second time", section, 1)
-            actions[key(action.name)] = action
+            if actions.setdefault(key(action.name), action) != action:
+                raise context.error(
+                    f"the action {action.name} is declared for the second time, and differently", section, 1
+                )
     return actions
 
 

@@ -11,7 +11,7 @@ from kbstore.errors import InvalidKnowledge, InvalidTime
 from kbstore.messages import AssignOp, Fact, Function, KeyValue, KnowledgeType
 from kbstore.model.domain import Signature
 from kbstore.names import is_wildcard
-from kbstore.pddl.effects import function_group
+from kbstore.pddl.effects import ASSIGNMENTS, function_group
 from kbstore.pddl.expressions import NUMBER, number_at
 from kbstore.pddl.item_reader import labelled
 from kbstore.pddl.scope import NO_VARIABLES, Scope
@@ -93,8 +93,14 @@ class InitReader:
 
     def _entry(self, group: Group, *, timed: bool = False) -> Entry:
         word = group.word(0)
-        if word == "=":
+        if word == "=" or (timed and word == "assign" and len(group) == 3 and not _all_words(group)):
             return self._value(group, timed=timed)
+        if timed and word in ASSIGNMENTS and len(group) == 3 and isinstance(group[1], Group):
+            raise self.context.error(
+                f"a change relative to a value cannot be scheduled: {node_text(group, 60)}; give the value itself, as "
+                "(at 5 (= (f a) 3))",
+                group,
+            )
         if word == "not" and len(group) == 2 and isinstance(group[1], Group) and group[1].word(0) != "=":
             return self._told(group[1], is_negative=True)
         if not group or word in ("not", "and") or (word == "at" and not _all_words(group)):

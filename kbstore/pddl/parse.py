@@ -141,7 +141,7 @@ def _arranged(item: Fact | Function, signature: Signature | None) -> Atom:
         return Atom(item.attribute_name, arguments)
     if len(arguments) != len(signature.parameters):
         raise InvalidKnowledge(arity_problem(Atom(item.attribute_name, arguments), signature))
-    if not any(item.labels):
+    if not any(item.labels) or [*map(key, item.labels)] == [*map(key, signature.labels)]:
         return Atom(item.attribute_name, arguments)
     by_label = {key(label): argument for label, argument in zip(item.labels, arguments, strict=True)}
     if len(by_label) != len(arguments) or by_label.keys() != set(map(key, signature.labels)):

@@ -163,7 +163,9 @@ class _ProblemReader:
             if wrong:
                 context.complain(InvalidKnowledge, f"the object name {name:.60} {wrong}", section, typed.place)
             if name_key in known:
-                context.complain(InvalidKnowledge, f"the object {name} is declared twice", section, typed.place)
+                if known[name_key] != key(type_name):
+                    problem = f"the object {name} is declared twice, as {known[name_key]} and as {type_name}"
+                    context.complain(InvalidKnowledge, problem, section, typed.place)
             elif name_key in constants:
                 # to repeat a constant adds nothing, unless it is of another type
                 if constants[name_key] != key(type_name):
@@ -188,11 +190,7 @@ class _ProblemReader:
     def _goals(self, definition: Definition) -> tuple[list[Goal], list[int]]:
         section = definition.one(":goal")
         if section is None:
-            if definition.one(":constraints") is not None:
-                return [], []
-            raise self.context.error(
-                "the problem has no goal; write (:goal (and)) if everything is as it should be", definition.whole
-            )
+            return [], []
         if len(section) != 2 or not isinstance(section[1], Group):
             raise self.context.error("the goal is one condition in brackets: (:goal (and (p) (q)))", section, 1)
         reader, items = ConditionReader(self.context, frozenset()), ItemReader(self.context)

@@ -54,18 +54,22 @@ def read_typed_list(context: Scope, group: Group, start: int) -> Iterator[Typed]
     yield from (Typed(place, name) for place, name in pending)
 
 
-def read_parameters(context: Scope, group: Group, start: int = 0) -> tuple[Parameter, ...]:
-    """The typed variables of a group. Raises `PddlSyntaxError`; complains of unknown types and of repeated names."""
-    parameters: dict[str, Parameter] = {}
+def read_parameters(context: Scope, group: Group, start: int = 0, *, positional: bool = False) -> tuple[Parameter, ...]:
+    """Read the typed variables of a group.
+
+    A name may stand in the list twice where the parameters are `positional`, as in the declaration of a predicate
+    (rule P4). Raises `PddlSyntaxError`; complains of unknown types.
+    """
+    parameters: list[Parameter] = []
     for index, variable, types, types_place in read_typed_list(context, group, start):
         if variable[0] != "?" or len(variable) == 1:
             raise context.error(f"a variable is expected here, with a name after its '?', not {variable}", group, index)
         name = variable[1:]
-        if key(name) in parameters:
+        if not positional and key(name) in (key(parameter.name) for parameter in parameters):
             raise context.error(f"the variable {variable} is declared twice in this list", group, index)
         known = tuple(context.type_name(type_name, group, types_place) for type_name in types)
-        parameters[key(name)] = Parameter(name, known or (ROOT_TYPE,))
-    return tuple(parameters.values())
+        parameters.append(Parameter(name, known or (ROOT_TYPE,)))
+    return tuple(parameters)
 
 
 def bound(variables: Variables, parameters: tuple[Parameter, ...]) -> Variables:

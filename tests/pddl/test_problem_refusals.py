@@ -36,7 +36,6 @@ SYNTAX = {
     "no domain": ("«(define (problem p) (:goal (and)))", "does not name its domain"),
     "domain without a name": ("(define (problem p) (:domain«) (:goal ()))", "missing"),
     "wrong domain": ("(define (problem p)\n  (:domain «houses) (:goal (and)))", "of the domain houses, not of rooms"),
-    "no goal": ("«(define (problem p) (:domain rooms) (:init (dark)))", "has no goal"),
     "unknown section": ("(define (problem p) (:domain rooms)\n («:inits) (:goal ()))", "did you mean :init"),
     "domain's section": (FRAME + "(«:predicates (p)) (:goal ()))", "no section of a problem"),
     "section twice": (FRAME + "(:init (dark))\n («:init) (:goal ()))", "second time"),
@@ -65,6 +64,11 @@ SYNTAX = {
     "time that is no number": (init("(at «noon (dark))"), "number of seconds"),
     "negative time": (init("(at «-5 (dark))"), "before the initial state"),
     "time finer than a nanosecond": (init("(at «0.0000000001 (dark))"), "nanosecond"),
+    "relative change at a time": (
+        init("(at 5 «(increase (battery kenny) 3))"),
+        "relative to a value cannot be scheduled",
+    ),
+    "value without a number at a time": (init("(at 5 (assign (battery kenny) «home))"), "a number"),
     "timed literal in a timed literal": (init("(at 5 «(at 6 (dark)))"), "lists facts"),
     "two facts at a time": (init("«(at 5 (dark) (dark))"), "lists facts"),
     "goal without brackets": (goal("«dark"), "brackets"),
@@ -83,7 +87,10 @@ SYNTAX = {
 }
 
 KNOWLEDGE = {
-    "object twice": (FRAME.replace("k - ", "k «K - ") + "(:goal ()))", "the object K is declared twice"),
+    "object twice": (
+        FRAME.replace("k - ", "k - kitchen «K - ").replace("kitchen)", "room)") + "(:goal ()))",
+        "the object K is declared twice, as kitchen and as room",
+    ),
     "constant as an object of another type": (FRAME.replace("k - ", "«home - ") + "(:goal ()))", "constant"),
     "undeclared type": (FRAME.replace("- kitchen", "- «hall") + "(:goal ()))", "the type hall is not declared"),
     "variable as an object": (FRAME.replace("k - ", "«?k - ") + "(:goal ()))", "is a variable"),
