@@ -58,7 +58,7 @@ def _now(settings: Settings, domain: str | None) -> Iterator[Result]:
         )
         connection.close()
     where = "" if domain else ", without a domain"
-    yield Result(f"holds now{where}", "dict.get, in a function", found["holds"], found["dict"], 20)
+    yield Result(f"holds now{where}", "dict.get, in a function", found["holds"], found["dict"])
     # without asking this, an answer that is remembered may not be what another process has written since
     yield Result(f"holds now{where}", "PRAGMA data_version", found["holds"], found["version"])
-    yield Result(f"value now{where}", "dict.get, in a function", found["value"], found["dict"], 20)
+    yield Result(f"value now{where}", "dict.get, in a function", found["value"], found["dict"])

@@ -54,7 +54,7 @@ def open(
         )
     database = Database(url, durability=durability, read_only=read_only, busy_timeout=busy_timeout)
     try:
-        with database.translating():
+        with database.wrap_errors():
             schema.ensure(database.engine, read_only=read_only)
         return KnowledgeBase(
             database,
@@ -75,9 +75,9 @@ def knowledge_bases(url: str | os.PathLike[str] | URL | Engine) -> list[str]:
     """The names of the knowledge bases in a store."""
     database = Database(url, read_only=True)
     try:
-        with database.translating():
+        with database.wrap_errors():
             schema.ensure(database.engine, read_only=True)
-        with database.reading() as session:
+        with database.read() as session:
             return [row[0] for row in session.all(queries.knowledge_base_names, {})]
     finally:
         database.close()

@@ -105,7 +105,7 @@ class KnowledgeBase:
         if row is None:
             if self._read_only:
                 raise StoreUnavailable(f"there is no knowledge base {self.name!r}, and read_only cannot create it")
-            with self._database.writing() as session:
+            with self._database.begin() as session:
                 session.run(queries.add_knowledge_base, {"name": self.name, "use_unknowns": bool(use_unknowns)})
             row = self._database.first(queries.find_knowledge_base, {"name": self.name})
         assert row is not None

@@ -67,7 +67,7 @@ class PointQueries:
 
     def truth(self, question: Question, at: object) -> Truth | None:
         """The truth of a ground fact, None if it is not such a question, or not one about a stored moment."""
-        if at is None:
+        if at is None and self._caching:
             memory = self._database.recall()
             if memory is not None:
                 known = memory.truths.get(question if type(question) is str else id(question))
@@ -77,7 +77,7 @@ class PointQueries:
         point = self._point(question, self._fact)
         if point is None:
             return None
-        session = self._database.take()
+        session = self._database.checkout()
         try:
             found = self._answer(session, point, at)
             if found is None:
@@ -87,11 +87,11 @@ class PointQueries:
                 _remember(found.memory.truths, question, found, truth)
             return truth
         finally:
-            self._database.give_back(session)
+            self._database.checkin(session)
 
     def number(self, question: Question, at: object) -> float | None:
         """The value of a ground function, None if it is not such a question, or has no value."""
-        if at is None:
+        if at is None and self._caching:
             memory = self._database.recall()
             if memory is not None:
                 known = memory.numbers.get(question if type(question) is str else id(question))
@@ -101,7 +101,7 @@ class PointQueries:
         point = self._point(question, self._function)
         if point is None:
             return None
-        session = self._database.take()
+        session = self._database.checkout()
         try:
             found = self._answer(session, point, at)
             if found is None or found.value is None:
@@ -112,7 +112,7 @@ class PointQueries:
                 _remember(found.memory.numbers, question, found, number)
             return number.at(found.t)
         finally:
-            self._database.give_back(session)
+            self._database.checkin(session)
 
     # -- answers ----------------------------------------------------------------------------------------------
 

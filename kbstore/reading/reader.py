@@ -63,7 +63,7 @@ class Reader:
     @contextmanager
     def repository(self) -> Iterator[Repository]:
         """The knowledge base on one snapshot of the store."""
-        with self.database.reading() as session:
+        with self.database.read() as session:
             yield Repository(session, self.kb, self.cache)
 
     # -- moments ----------------------------------------------------------------------------------------------

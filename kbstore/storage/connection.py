@@ -12,7 +12,6 @@ import sqlalchemy
 
 from kbstore.errors import StoreUnavailable
 from kbstore.storage.statements import Lookup, Statement
-from kbstore.storage.wal_index import Header, Unshared, find_header
 
 SqlRow = tuple[Any, ...]
 Parameters = Mapping[str, Any]
@@ -67,10 +66,8 @@ class StoreConnection:
         file: which file that is, where that can be told.
     """
 
-    def __init__(
-        self, connection: sqlalchemy.Connection, store: str, busy_timeout: float, *, path: str | None, is_alone: bool
-    ) -> None:
-        """`path` is that of the store's URL; `is_alone` says that nobody else can reach the store."""
+    def __init__(self, connection: sqlalchemy.Connection, store: str, busy_timeout: float, *, path: str | None) -> None:
+        """`path` is that of the store's URL."""
         self._connection = connection
         driver: Any = connection.connection.driver_connection
         self.driver = driver
@@ -85,10 +82,8 @@ class StoreConnection:
         self._error: type[Exception] = connection.dialect.loaded_dbapi.Error
         self._execute = driver.execute
         self._cursor = driver.cursor
-        self._header: Header | None = Unshared() if is_alone else None
-        self._is_header_sought = is_alone
         self._memory = AnswerCache()
-        self._mark: bytes | int = -1
+        self._data_version = -1
         self._settings_before: dict[str, Any] = {}
         self._is_closed = False
         opened = self._open_file() if self._sqlite else None
@@ -99,29 +94,19 @@ class StoreConnection:
     # -- statements -------------------------------------------------------------------------------------------
 
     def memory(self) -> AnswerCache:
-        """What is remembered; nothing if any connection has committed meanwhile.
+        """The answers remembered on this connection, dropped first if another one has committed since.
 
-        On SQLite, outside of transactions, and only where nobody else writes on this very connection.
+        Right on SQLite, outside of transactions, and only where nobody else writes on this very connection. Source:
+        https://www.sqlite.org/pragma.html#pragma_data_version
         """
-        if self._header is None:
-            try:
-                mark: bytes | int = self._execute("PRAGMA data_version").fetchone()[0]
-            except self._error as error:
-                raise self._failure(error) from error
-            if not self._is_header_sought:
-                self._is_header_sought = True
-                self._header = find_header(self.path)
-        if self._header is not None:
-            mark = self._header.raw
-        if mark != self._mark:
-            self._mark = mark
+        try:
+            version: int = self._execute("PRAGMA data_version").fetchone()[0]
+        except self._error as error:
+            raise self._failure(error) from error
+        if version != self._data_version:
+            self._data_version = version
             self._memory.clear()
         return self._memory
-
-    def recall(self) -> AnswerCache | None:
-        """The same, if that can be told at once; otherwise None."""
-        header = self._header
-        return None if header is None or self.in_transaction or header.raw != self._mark else self._memory
 
     def all(self, statement: Statement, parameters: Parameters) -> list[SqlRow]:
         """All rows."""
@@ -333,7 +318,6 @@ class StoreConnection:
         if self._is_closed:
             return
         self._is_closed = True
-        self._header = None
         if give_back and not self.is_lost:
             try:
                 for name, value in self._settings_before.items():
@@ -352,7 +336,6 @@ class StoreConnection:
     def leave_to_parent(self, *, close: bool) -> None:
         """In a forked child: never speak to the parent's server; `close` a file that nobody uses in this process."""
         self._is_closed = self.is_lost = True
-        self._header = None
         self._refuse("this process was forked with this transaction open, which stays with the parent; begin another")
         # otherwise the pool would close it when it is collected
         self._connection.detach()

@@ -65,14 +65,14 @@ class Database:
         """Held where sessions come and go."""
         self._held: list[Any] = []
         self._is_forking = False
-        forks.attend(self)
+        forks.register(self)
 
     # -- transactions -----------------------------------------------------------------------------------------
 
     @contextmanager
-    def reading(self) -> Iterator[StoreConnection]:
+    def read(self) -> Iterator[StoreConnection]:
         """A session on one snapshot of the store; within a transaction of this thread, that transaction's."""
-        with self.asking() as session, self.translating():
+        with self.connect() as session, self.wrap_errors():
             if session.in_transaction:
                 yield session
                 return
@@ -83,9 +83,9 @@ class Database:
                 session.rollback()
 
     @contextmanager
-    def writing(self) -> Iterator[StoreConnection]:
+    def begin(self) -> Iterator[StoreConnection]:
         """A session with a write transaction: committed at the end, rolled back after an exception."""
-        with self.asking() as session:
+        with self.connect() as session:
             session.begin(write=True)
             try:
                 self._refuse_moved(session)
@@ -106,24 +106,24 @@ class Database:
             "what is there now with kbstore.open()"
         )
 
-    def asking(self) -> "_Asking":
+    def connect(self) -> "_Checkout":
         """This thread's session for single statements, each on the latest commit."""
-        return _Asking(self)
+        return _Checkout(self)
 
     def first(self, statement: Statement, parameters: Parameters) -> SqlRow | None:
         """The first row of one statement on its own."""
-        with self.asking() as session:
+        with self.connect() as session:
             return session.first(statement, parameters)
 
     def recall(self) -> AnswerCache | None:
-        """What this thread's session remembers, if it can be told at once that nobody has committed since."""
+        """What this thread's connection remembers, outside of a transaction; None where another thread uses it."""
         session: StoreConnection | None = (
             self._shared if self._has_one_connection else getattr(self._local, "session", None)
         )
         if session is None or self._is_closed or self._is_forking or not session.lock.acquire(blocking=False):
             return None
         try:
-            return session.recall()
+            return None if session.in_transaction else session.memory()
         finally:
             session.lock.release()
             if self._is_closed:
@@ -131,7 +131,7 @@ class Database:
 
     # -- sessions ---------------------------------------------------------------------------------------------
 
-    def take(self) -> StoreConnection:
+    def checkout(self) -> StoreConnection:
         """This thread's session, opened where there is none; to be given back."""
         while True:
             session: StoreConnection | None = (
@@ -153,9 +153,9 @@ class Database:
             session.uses += 1
             if not self._is_closed and (session.uses > 1 or session.is_local or session.is_alive()):
                 return session
-            self.give_back(session)
+            self.checkin(session)
 
-    def give_back(self, session: StoreConnection) -> None:
+    def checkin(self, session: StoreConnection) -> None:
         """Done with a session; one that is lost, or of a store that was closed meanwhile, is dropped."""
         session.uses -= 1
         if session.is_lost and not session.uses:
@@ -186,10 +186,10 @@ class Database:
                 return self._shared
             if self.dialect == "sqlite":
                 forks.refuse_unsafe()
-            with self.translating():
+            with self.wrap_errors():
                 connection = self.engine.connect().execution_options(isolation_level="AUTOCOMMIT")
-            path, is_alone = os.path.abspath(self.engine.url.database or ""), self._is_private_memory()
-            session = StoreConnection(connection, self._name(), self._busy_timeout, path=path, is_alone=is_alone)
+            path = os.path.abspath(self.engine.url.database or "")
+            session = StoreConnection(connection, self._name(), self._busy_timeout, path=path)
             try:
                 session.configure(self._settings(), restore=not self._owns_engine)
                 self._refuse_another_file(session)
@@ -219,10 +219,6 @@ class Database:
         """Whether sessions can tell that nobody has committed: on SQLite, if none shares its connection with others."""
         return self.dialect == "sqlite" and (self._owns_engine or not self._has_one_connection)
 
-    def _is_private_memory(self) -> bool:
-        """Whether the store is in memory, where only this object's connection can reach it."""
-        return self._owns_engine and self.engine.url.database in (None, "", ":memory:") and self.dialect == "sqlite"
-
     def _settings(self) -> dict[str, Any]:
         patience = int(self._busy_timeout * 1000)
         if self.dialect == "postgresql":
@@ -248,7 +244,7 @@ class Database:
         Where several connections change it at once SQLite does not wait, whatever its time-out is.
         """
         deadline = time.monotonic() + self._busy_timeout
-        with self.translating():
+        with self.wrap_errors():
             while True:
                 try:
                     driver.execute("PRAGMA journal_mode = WAL").fetchone()
@@ -344,7 +340,7 @@ class Database:
     # -- errors -----------------------------------------------------------------------------------------------
 
     @contextmanager
-    def translating(self) -> Iterator[None]:
+    def wrap_errors(self) -> Iterator[None]:
         """Errors of the driver itself, and of connecting, as `StoreUnavailable` with what to do."""
         try:
             yield
@@ -362,8 +358,8 @@ class Database:
         return self.engine.url.render_as_string(hide_password=True)
 
 
-class _Asking:
-    """`Database.asking`, as a class: a generator would cost as much as the statement."""
+class _Checkout:
+    """`Database.connect`, as a class: a generator would cost as much as the statement."""
 
     __slots__ = ("_database", "_session")
 
@@ -371,10 +367,10 @@ class _Asking:
         self._database = database
 
     def __enter__(self) -> StoreConnection:
-        self._session = session = self._database.take()
+        self._session = session = self._database.checkout()
         return session
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._database.give_back(self._session)
+        self._database.checkin(self._session)

@@ -49,7 +49,7 @@ class _Fork:
     is_unsafe = False
 
 
-def attend(database: Connections) -> None:
+def register(database: Connections) -> None:
     """Take care of a database's connections when the process forks."""
     _databases.add(database)
 

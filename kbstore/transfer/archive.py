@@ -57,7 +57,7 @@ class _Archiving:
 
     def done(self) -> Archived:
         """Copy, check, delete, give the space back."""
-        with self._database.reading() as session:
+        with self._database.read() as session:
             head = Repository(session, self._reader.kb, self._reader.cache).head()
             self._refuse_future(head)
             # what an archiving that was interrupted has left is deleted, too
@@ -66,10 +66,10 @@ class _Archiving:
             if not upto:
                 return Archived(self._path, head.history_from, 0)
             self._copy(session, head, upto)
-        with self._database.writing() as session:
+        with self._database.begin() as session:
             session.run(statements.archive_history, self._at())
         deleted = self._delete(upto)
-        with self._database.asking() as session:
+        with self._database.connect() as session:
             for statement in statements.reclaim[self._database.dialect]:
                 session.run(statement, {})
         return Archived(self._path, self._before, deleted)
@@ -127,7 +127,7 @@ class _Archiving:
     def _delete(self, upto: int) -> int:
         """Delete what ended before the time, and the transactions that nothing refers to any more."""
         parameters = self._at() | {"upto": upto, "most": MOST}
-        with self._database.writing() as session:
+        with self._database.begin() as session:
             deleted = [session.run(statement, parameters) for statement in statements.delete_ended_runs][-1]
             runs = session.array([row[0] for row in session.all(statements.runs_recorded, parameters)])
         self._steps(deleted)
@@ -135,7 +135,7 @@ class _Archiving:
             window = parameters | {"after": after, "upto": min(upto, after + WINDOW), "runs": runs}
             more = True
             while more:
-                with self._database.writing() as session:
+                with self._database.begin() as session:
                     counts = [session.run(statement, window) for statement in statements.delete_ended]
                     more = max(counts) >= MOST
                     if not more:

@@ -57,7 +57,7 @@ class ArchiveFile:
         _mark(path)
         database = Database(path)
         try:
-            with database.translating():
+            with database.wrap_errors():
                 schema.ensure(database.engine, read_only=False)
             sync_directory(path)
             yield cls(database, path, name)
@@ -66,7 +66,7 @@ class ArchiveFile:
 
     def head(self) -> Head | None:
         """Where its record stands; None if it has nothing of the knowledge base yet. It ends right after that time."""
-        with self._database.reading() as session:
+        with self._database.read() as session:
             row = session.first(queries.find_knowledge_base, {"name": self._name})
             return None if row is None else Repository(session, row[0], TimelineCache()).head()
 
@@ -82,7 +82,7 @@ class ArchiveFile:
                 f"{isoformat(head.history_from)} on; go on in the file that ends there, or give a new one"
             )
         part = Part(upto=own.number)
-        with self._database.reading() as there:
+        with self._database.read() as there:
             archived = RowSource(there, self._name, part).records("transactions")
             stored = RowSource(session, self._name, part).records("transactions")
             if not _is_part(stored, archived):
@@ -98,7 +98,7 @@ class ArchiveFile:
         if own is not None:
             part = part._replace(after=own.number)
         source = RowSource(session, self._name, part)
-        with self._database.writing() as there:
+        with self._database.begin() as there:
             target = RowTarget(there, self._name, use_unknowns=source.use_unknowns)
             if not target.is_new:
                 for statement in drop_unfinished:
@@ -119,7 +119,7 @@ class ArchiveFile:
 
     def check(self, part: Part, counts: dict[str, int]) -> None:
         """Raise `StoreUnavailable` unless the file is sound and has as many rows of each table as were counted."""
-        with self._database.reading() as session:
+        with self._database.read() as session:
             found = RowSource(session, self._name, part).counts()
             sound = session.all(quick_check, {})
         wrong = [table for table in CHECKED if found[table] != counts[table]]

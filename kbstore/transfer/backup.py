@@ -48,7 +48,7 @@ def _copy_file(database: Database, path: Path, progress: Progress | None) -> Non
             progress(total - left, total)
 
     # within a transaction all steps copy the same snapshot; without, a writer would make it begin again
-    with database.reading() as session, closing(sqlite3.connect(path)) as copied:
+    with database.read() as session, closing(sqlite3.connect(path)) as copied:
         try:
             session.driver.execute("SELECT count(*) FROM sqlite_master").fetchone()
             session.driver.backup(copied, pages=_PAGES, progress=report)
@@ -61,16 +61,16 @@ def _copy_file(database: Database, path: Path, progress: Progress | None) -> Non
 def _copy_rows(database: Database, path: Path, progress: Progress | None) -> None:
     copied = Database(path)
     try:
-        with copied.translating():
+        with copied.wrap_errors():
             schema.ensure(copied.engine, read_only=False)
-        with database.reading() as source, copied.writing() as target:
+        with database.read() as source, copied.begin() as target:
             sources = [RowSource(source, name) for name in names_in(source)]
             steps = Steps(progress, sum(sum(found.counts().values()) for found in sources))
             for found in sources:
                 made = RowTarget(target, found.name, use_unknowns=found.use_unknowns)
                 copy(found, made, steps)
                 made.put_head(found.head)
-        with copied.asking() as session, copied.translating():
+        with copied.connect() as session, copied.wrap_errors():
             _make_single_file(session.driver)
     finally:
         copied.close()

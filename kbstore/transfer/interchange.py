@@ -34,7 +34,7 @@ def export_knowledge_base(url: Store, name: str, file: File, *, progress: Progre
         StoreUnavailable: the store or the file cannot be reached, or there is no such knowledge base.
         InvalidKnowledge: the file exists.
     """
-    with opened(url) as database, database.reading() as session:
+    with opened(url) as database, database.read() as session:
         source = RowSource(session, name)
         with _writing(file) as output:
             return _export(source, output, progress)
@@ -76,7 +76,7 @@ def import_knowledge_base(url: Store, file: File, name: str | None = None, *, pr
         lines = JsonLinesReader(stream, label)
         header = lines.header()
         name = header["name"] if name is None else name
-        with opened(url, writing=True) as database, database.writing() as session:
+        with opened(url, writing=True) as database, database.begin() as session:
             target = RowTarget(session, name, use_unknowns=header["use_unknowns"])
             if not target.is_new:
                 raise InvalidKnowledge(f"the store has a knowledge base {name!r}; import this one under another name")

@@ -211,7 +211,7 @@ def opened(url: Store, *, writing: bool = False) -> Iterator[Database]:
     # of an engine of the caller's, a connection may be shared, and stays as it is
     database = Database(url, read_only=not writing and not isinstance(url, Engine))
     try:
-        with database.translating():
+        with database.wrap_errors():
             schema.ensure(database.engine, read_only=not writing)
         yield database
     finally:

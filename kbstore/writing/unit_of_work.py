@@ -71,7 +71,7 @@ class OpenTransaction:
     def __enter__(self) -> Self:
         with ExitStack() as contexts:
             contexts.enter_context(self._guard())
-            self._begin(contexts.enter_context(self._reader.database.writing()))
+            self._begin(contexts.enter_context(self._reader.database.begin()))
             self._contexts = contexts.pop_all()
         self._is_open = True
         return self

@@ -96,7 +96,7 @@ def check(url, acknowledged, *, in_flight=1):
             _compare(kb, last)
         else:
             last = kb.load(DOMAIN).number
-        with kb._database.asking() as session:
+        with kb._database.connect() as session:
 
             def execute(sql):
                 return session.driver.execute(sql).fetchall()

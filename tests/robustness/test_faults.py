@@ -28,7 +28,7 @@ def many(start, count=700):
 
 def sound(kb):
     """Whether the tables of a knowledge base are what they have to be."""
-    with kb._database.asking() as session:
+    with kb._database.connect() as session:
 
         def execute(sql):
             return session.driver.execute(sql).fetchall()
@@ -42,7 +42,7 @@ def sound(kb):
 
 def limit_pages(kb, more):
     """Let the file grow by so many pages, and not more."""
-    with kb._database.asking() as session:
+    with kb._database.connect() as session:
         pages = session.driver.execute("PRAGMA page_count").fetchone()[0]
         session.driver.execute(f"PRAGMA max_page_count = {pages + more}")
 
@@ -267,7 +267,7 @@ def test_every_error_is_of_kbstore(path, monkeypatch):
                     raise sqlite3.OperationalError("disk I/O error")
                 return self._driver.execute(*arguments)
 
-        with kb._database.asking() as session:
+        with kb._database.connect() as session:
             driver = session.driver
         for step in range(1, 40):  # noqa: B007 - counted by Failing
             failing = Failing(driver)

@@ -141,7 +141,7 @@ def cut(postgresql_url):
     """Ends the server's side of a knowledge base's connections, as a restart of the server does."""
 
     def cutting(kb):
-        with kb._database.asking() as session:
+        with kb._database.connect() as session:
             pid = session.driver.info.backend_pid
         with psycopg.connect(postgresql_url.replace("+psycopg", ""), autocommit=True) as admin:
             assert admin.execute("SELECT pg_terminate_backend(%s, 5000)", (pid,)).fetchone() == (True,)

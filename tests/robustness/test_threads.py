@@ -235,8 +235,8 @@ def test_closing_just_when_another_thread_is_done(tmp_path, ask):
     kb = kbstore.open(tmp_path / "store.db")
     kb.add("(raining)")
     assert kb.holds("(raining)")
-    session = kb._database.take()
-    kb._database.give_back(session)
+    session = kb._database.checkout()
+    kb._database.checkin(session)
 
     class Lock:
         """The session's lock, which is let go of only after another thread has closed."""

@@ -40,7 +40,7 @@ def settings(driver):
 @pytest.mark.parametrize(("durability", "synchronous"), [("full", 2), ("normal", 1)])
 def test_durability_is_sqlites_synchronous(path, durability, synchronous):
     """A file is in WAL mode with foreign keys; "full" waits for the disk at each commit, "normal" at checkpoints."""
-    with kbstore.open(path, durability=durability, busy_timeout=2.5) as kb, kb._database.asking() as session:
+    with kbstore.open(path, durability=durability, busy_timeout=2.5) as kb, kb._database.connect() as session:
         assert pragmas(session.driver) == {
             "journal_mode": "wal",
             "synchronous": synchronous,
@@ -54,7 +54,7 @@ def test_durability_is_sqlites_synchronous(path, durability, synchronous):
 def test_durability_is_postgresqls_synchronous_commit(postgresql_url, durability, synchronous):
     """On PostgreSQL it is synchronous_commit; who waits for a lock waits as long as on SQLite."""
     database = Database(postgresql_url, durability=durability, busy_timeout=2.5)
-    with database.asking() as session:
+    with database.connect() as session:
         assert settings(session.driver) == {
             "synchronous_commit": synchronous,
             "lock_timeout": "2500ms",
@@ -68,7 +68,7 @@ def test_read_only_is_held_by_the_database_itself(path, postgresql_url):
     kbstore.open(path).close()
     for url in (path, postgresql_url):
         database = Database(url, read_only=True)
-        with pytest.raises(StoreUnavailable), database.asking() as session:
+        with pytest.raises(StoreUnavailable), database.connect() as session:
             session.run(Statement("UPDATE knowledge_bases SET name = 'other'"), {})
         database.close()
 
@@ -217,7 +217,7 @@ def test_what_others_write_on_the_callers_one_connection_is_seen(path, pool, whe
         with engine.begin() as connection:
             connection.exec_driver_sql("UPDATE functions SET function_value = 3")
         assert kb.value("(level tank)") == 3
-        with kb._database.asking() as session:
+        with kb._database.connect() as session:
             assert pragmas(session.driver)["journal_mode"] == ("memory" if where == "memory" else "wal")
     engine.dispose()
 
@@ -311,7 +311,7 @@ def test_after_sqlite_has_rolled_back_by_itself_nothing_more_is_done(tmp_path):
     add = Statement("INSERT INTO knowledge_bases VALUES (:id, :name, false, 0, 0, 0, 0, 0)")
 
     def go_on():
-        with kb._database.writing() as session:
+        with kb._database.begin() as session:
             session.run(add, {"id": 7, "name": "seven"})
             with pytest.raises(StoreUnavailable):
                 session.run(Statement("INSERT OR ROLLBACK INTO knowledge_bases SELECT * FROM knowledge_bases"), {})

@@ -85,7 +85,7 @@ def reading(kb):
     """What runs SQL on the store of a knowledge base, and the number of the knowledge base."""
 
     def execute(sql):
-        with kb._database.asking() as session:
+        with kb._database.connect() as session:
             return [tuple(row) for row in session.driver.execute(sql).fetchall()]
 
     return execute, execute(f"SELECT id FROM knowledge_bases WHERE name = '{kb.name}'")[0][0]
@@ -155,6 +155,6 @@ def test_what_is_wrong_is_found(damage):
         clock.advance(seconds(1))
         kb.add("(not (open wp0))")
         assert violations(*reading(kb)) == []
-        with kb._database.asking() as session:
+        with kb._database.connect() as session:
             session.driver.execute(damage)
         assert any(WRONG[damage] in found for found in violations(*reading(kb)))

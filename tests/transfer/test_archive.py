@@ -443,7 +443,7 @@ def test_a_damaged_archive_stops_it(kb, archive_path, monkeypatch):
 
     def losing(self, *arguments):
         taking(self, *arguments)
-        with self._database.writing() as session:
+        with self._database.begin() as session:
             session.driver.execute("DELETE FROM facts")
 
     monkeypatch.setattr(archive_file.ArchiveFile, "take", losing)

@@ -111,7 +111,7 @@ def test_killed_at_any_moment(fresh, life):
 
 def ended_rows(url, name):
     """How many assertions of a knowledge base that ended before `BEFORE` are stored."""
-    with rows.opened(url) as database, database.reading() as session:
+    with rows.opened(url) as database, database.read() as session:
         (kb,) = session.driver.execute(f"SELECT id FROM knowledge_bases WHERE name = '{name}'").fetchone()
         tables = ("instances", "facts", "functions", "expressions", "inequalities")
         ended = f"WHERE kb_id = {kb} AND end_time < {BEFORE}"
