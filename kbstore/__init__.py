@@ -5,6 +5,7 @@ See `kbstore.open` for where to begin.
 
 from kbstore.api import knowledge_bases, open
 from kbstore.clock import Clock, ManualClock, SystemClock, seconds, time
+from kbstore.conversion import MessageDomain as Domain
 from kbstore.errors import (
     ClockWentBackwards,
     Conflict,
@@ -49,7 +50,6 @@ from kbstore.messages import (
     Truth,
     UpdateType,
 )
-from kbstore.model.domain import Domain
 from kbstore.model.results import (
     Applicability,
     Assertion,

@@ -10,14 +10,14 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from copy import copy
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, Self, cast
 
 from kbstore.clock import Clock, ManualClock, SystemClock, isoformat, time
+from kbstore.conversion import MessageDomain
 from kbstore.errors import Conflict, InvalidKnowledge, InvalidTime, StoreUnavailable, UnknownSymbol
 from kbstore.evaluation import conditions
 from kbstore.evaluation.intervals import Intervals
 from kbstore.messages import Expression, Fact, Function, Goal, Instance, KnowledgeItem, Truth, UpdateType
-from kbstore.model.domain import Domain
 from kbstore.model.results import (
     Applicability,
     Assertion,
@@ -396,14 +396,14 @@ class KnowledgeBase:
         return self.state(at).metric
 
     @property
-    def domain(self) -> Domain:
+    def domain(self) -> MessageDomain:
         """The domain now. Raises `UnknownSymbol` if none has been loaded."""
         with self._reader.repository() as repository:
             head = repository.head()
             domain = self._reader.symbol_table(repository, head, LogPosition(max(head.time, self._clock.now()))).domain
         if domain is None:
             raise UnknownSymbol(f"{self.name} has no domain; load one: kb.load('domain.pddl')")
-        return domain
+        return cast("MessageDomain", domain)
 
     def to_pddl(self, at: object = None, as_of: object = None, *, explicit_negatives: bool = False) -> str:
         """The planning problem as of any moment, in PDDL (rules P2, O4)."""

@@ -1,8 +1,12 @@
 """Names of objects, types, predicates and functions (rule D3): how they are compared, and which are accepted."""
 
 import re
+from collections.abc import Iterator, Mapping
+from typing import TypeVar
 
 from kbstore.errors import InvalidKnowledge
+
+_Value = TypeVar("_Value")
 
 MAX_LENGTH = 255
 
@@ -19,6 +23,35 @@ def key(name: str) -> str:
     'kenny'
     """
     return name.lower()
+
+
+class NameMapping(Mapping[str, _Value]):
+    """A read-only mapping by name: found in any case, listed in order and as written.
+
+    >>> NameMapping({"Robot": "object"})["robot"]
+    'object'
+    """
+
+    __slots__ = ("_by_key", "_values")
+
+    def __init__(self, values: Mapping[str, _Value]) -> None:
+        self._values = dict(values)
+        self._by_key = {key(name): value for name, value in values.items()}
+
+    def __getitem__(self, name: str) -> _Value:
+        try:
+            return self._by_key[key(name)]
+        except (KeyError, AttributeError):
+            raise KeyError(name) from None
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._values)
+
+    def __len__(self) -> int:
+        return len(self._values)
+
+    def __repr__(self) -> str:
+        return repr(self._values)
 
 
 def is_wildcard(name: str) -> bool:

@@ -19,7 +19,8 @@ from kbstore.evaluation.polynomials import Polynomial, bounded, exactly
 from kbstore.evaluation.signals import Signal, painted
 from kbstore.evaluation.substitution import Bindings
 from kbstore.messages.enums import ComparisonType, Operator, SpecialType, Truth
-from kbstore.model.formulas import Atom, Comparison, NumericExpression, Token, atoms_of
+from kbstore.model.expressions import NumericExpression, Token, atoms_of
+from kbstore.model.formulas import Atom, Comparison
 
 _MAX_DEGREE = 8
 """Powers of time above this do not cancel out in anything that people write."""

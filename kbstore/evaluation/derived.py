@@ -10,14 +10,12 @@ from itertools import product
 from math import prod
 
 from kbstore.evaluation.interpretation import Interpretation
-from kbstore.evaluation.joins import Guard, Relation, Types, assignments, guards, is_variable
-from kbstore.evaluation.rules import Clause, program, strata
+from kbstore.evaluation.joins import Guard, Relation, assignments, guards, is_variable
+from kbstore.evaluation.rules import Clause, program
 from kbstore.evaluation.substitution import Bindings, Pattern, pattern
 from kbstore.messages.enums import Truth
-from kbstore.model.formulas import Atom, Formula
+from kbstore.model.formulas import Atom, Formula, Types
 from kbstore.names import is_wildcard, key
-
-__all__ = ["Derived", "strata"]
 
 
 class Derived:

@@ -7,7 +7,7 @@ from math import prod
 from kbstore.evaluation import comparisons
 from kbstore.evaluation.derived import Derived
 from kbstore.evaluation.interpretation import Arguments, Interpretation
-from kbstore.evaluation.joins import Guard, Relation, Types, assignments, guards, variables_of
+from kbstore.evaluation.joins import Guard, Relation, assignments, guards
 from kbstore.evaluation.substitution import Bindings, Pattern, keyed, pattern, term
 from kbstore.evaluation.wellformed import check
 from kbstore.messages.enums import Truth
@@ -27,6 +27,8 @@ from kbstore.model.formulas import (
     Preference,
     Same,
     Truism,
+    Types,
+    variables_of,
 )
 from kbstore.names import key
 

@@ -10,7 +10,8 @@ from kbstore.evaluation.interpretation import Interpretation
 from kbstore.evaluation.substitution import instantiated_atom, keyed, term
 from kbstore.messages.base import format_number
 from kbstore.messages.enums import Operator, SpecialType
-from kbstore.model.formulas import Atom, NumericExpression, Token
+from kbstore.model.expressions import NumericExpression, Token
+from kbstore.model.formulas import Atom
 from kbstore.names import key
 
 _Value = TypeVar("_Value")

@@ -4,16 +4,24 @@ A quantified formula is evaluated by trying objects for its variables. Trying al
 are many; but an atom that must not be false for the formula to matter (a *guard*) narrows them down to its rows.
 """
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 
 from kbstore.evaluation.interpretation import Arguments
 from kbstore.evaluation.substitution import Bindings, Pattern, pattern
-from kbstore.model.formulas import And, Atom, Exists, Forall, Formula, Imply, Not, Or, Parameter, Preference
+from kbstore.model.formulas import (
+    And,
+    Atom,
+    Exists,
+    Forall,
+    Formula,
+    Imply,
+    Not,
+    Or,
+    Preference,
+    Types,
+    Variables,
+)
 from kbstore.names import is_wildcard, key
-
-Types = tuple[str, ...]
-Variables = Mapping[str, Types]
-"""The types of variables, by the variables' keys."""
 
 
 class Relation:
@@ -62,11 +70,6 @@ class Relation:
 
 Guard = tuple[Atom, Relation]
 """An atom, and the rows outside of which it is false."""
-
-
-def variables_of(parameters: Sequence[Parameter]) -> dict[str, Types]:
-    """The variables that parameters declare."""
-    return {key(p.name): tuple([key(type_name) for type_name in p.types]) for p in parameters}
 
 
 def guards(condition: Formula, positive: bool = True) -> Iterator[Atom]:

@@ -7,11 +7,11 @@ from math import prod
 from kbstore.evaluation import comparisons, signals
 from kbstore.evaluation.evaluator import wild_types
 from kbstore.evaluation.interpretation import Span, Trajectory
-from kbstore.evaluation.joins import Relation, Types
+from kbstore.evaluation.joins import Relation
 from kbstore.evaluation.signals import Signal
 from kbstore.evaluation.substitution import Bindings, Pattern, pattern
 from kbstore.messages.enums import Truth
-from kbstore.model.formulas import Atom, Comparison
+from kbstore.model.formulas import Atom, Comparison, Types
 from kbstore.names import key
 
 

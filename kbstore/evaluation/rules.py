@@ -1,20 +1,13 @@
-"""The rules of derived predicates: what they depend on, their strata, and their bodies as joins (rule V9).
-
-Stratification is that of K. R. Apt, H. A. Blair and A. Walker, "Towards a theory of declarative knowledge", 1988: no
-derived predicate may depend on itself through a negation. The strata are the strongly connected components of the
-dependencies (R. Tarjan, "Depth-first search and linear graph algorithms", SIAM J. Comput. 1(2), 1972).
-"""
+"""The rules of derived predicates: what they depend on, and their bodies as joins (rule V9)."""
 
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import product
-from typing import NamedTuple
 
 from kbstore.errors import InvalidKnowledge
 from kbstore.evaluation.interpretation import Arguments
-from kbstore.evaluation.joins import Types, Variables, variables_of
 from kbstore.evaluation.wellformed import check
 from kbstore.model.domain import Domain, Signature
 from kbstore.model.formulas import (
@@ -30,7 +23,12 @@ from kbstore.model.formulas import (
     Not,
     Or,
     Preference,
+    Types,
+    Variables,
+    variables_of,
+    walk,
 )
+from kbstore.model.stratification import strata
 from kbstore.names import is_wildcard, key
 
 _MAX_CLAUSES = 64
@@ -92,61 +90,6 @@ class Program:
         """The strata on which a predicate depends, in the order in which they are evaluated."""
         reachable = self.reachable(name)
         return [stratum for stratum in self.strata if stratum & reachable]
-
-
-class Occurrence(NamedTuple):
-    """A condition within a condition: whether under an even number of negations, and the variables in its scope."""
-
-    node: Formula
-    positive: bool
-    scope: Variables
-
-
-def walk(condition: Formula, scope: Variables, positive: bool = True) -> Iterator[Occurrence]:
-    """A condition and all conditions within it."""
-    todo = [Occurrence(condition, positive, scope)]
-    while todo:
-        occurrence = todo.pop()
-        yield occurrence
-        positive, scope = occurrence.positive, occurrence.scope
-        match occurrence.node:
-            case Not(part):
-                todo.append(Occurrence(part, not positive, scope))
-            case And(parts) | Or(parts):
-                todo.extend(Occurrence(part, positive, scope) for part in parts)
-            case Imply(premise, conclusion):
-                todo += [Occurrence(premise, not positive, scope), Occurrence(conclusion, positive, scope)]
-            case Exists(parameters, part) | Forall(parameters, part):
-                todo.append(Occurrence(part, positive, {**scope, **variables_of(parameters)}))
-            case Preference(_, part):
-                todo.append(Occurrence(part, positive, scope))
-
-
-def strata(domain: Domain) -> list[frozenset[str]]:
-    """The derived predicates of a domain, as keys, in the order in which they are evaluated.
-
-    Each stratum depends only on itself, without negation, and on those before it. Raises `InvalidKnowledge` where a
-    derived predicate depends on itself through a negation.
-    """
-    positive: dict[str, set[str]] = {name: set() for name in domain.rules}
-    negative: dict[str, set[str]] = {name: set() for name in domain.rules}
-    for name, rules in domain.rules.items():
-        for rule in rules:
-            for occurrence in walk(rule.condition, variables_of(rule.head.parameters)):
-                if isinstance(occurrence.node, Atom) and domain.is_derived(occurrence.node.name):
-                    (positive if occurrence.positive else negative)[name].add(key(occurrence.node.name))
-    components = _components({name: sorted(positive[name] | negative[name]) for name in domain.rules})
-    violations = [
-        f"the derived predicate {domain.rules[name][0].head.name} depends on itself through the negation of "
-        f"{', '.join(sorted(negative[name] & component))}; derived predicates must be stratified, so that what is "
-        "negated can be decided first"
-        for component in components
-        for name in sorted(component)
-        if negative[name] & component
-    ]
-    if violations:
-        raise InvalidKnowledge(*violations)
-    return components
 
 
 @lru_cache(maxsize=64)
@@ -269,34 +212,3 @@ def _multiplied(parts: tuple[Formula, ...], alternatives: list[list[_Body]], pos
         ({k: v for inner, _ in chosen for k, v in inner.items()}, tuple(c for _, body in chosen for c in body))
         for chosen in product(*alternatives)
     ]
-
-
-def _components(graph: Mapping[str, list[str]]) -> list[frozenset[str]]:
-    """The strongly connected components of a graph, each after those that it leads to (Tarjan, not recursive)."""
-    components: list[frozenset[str]] = []
-    order: dict[str, int] = {}  # when each node was first seen
-    low: dict[str, int] = {}  # the earliest seen node of the path to which each node leads
-    path: dict[str, None] = {}
-    for root in graph:
-        todo = [] if root in order else [(root, iter(graph[root]))]
-        while todo:
-            node, successors = todo[-1]
-            if node not in order:
-                order[node] = low[node] = len(order)
-                path[node] = None
-            fresh = next((other for other in successors if other not in order or other in path), None)
-            if fresh is not None and fresh not in order:
-                todo.append((fresh, iter(graph[fresh])))
-            elif fresh is not None:
-                low[node] = min(low[node], order[fresh])
-            else:
-                todo.pop()
-                if todo:
-                    above = todo[-1][0]
-                    low[above] = min(low[above], low[node])
-                if low[node] == order[node]:
-                    component = set[str]()
-                    while node not in component:
-                        component.add(path.popitem()[0])
-                    components.append(frozenset(component))
-    return components

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 
+from kbstore.model.expressions import NumericExpression
 from kbstore.model.formulas import (
     And,
     Atom,
@@ -13,7 +14,6 @@ from kbstore.model.formulas import (
     Imply,
     IsA,
     Not,
-    NumericExpression,
     Or,
     Preference,
     Same,

@@ -7,6 +7,7 @@ from kbstore.evaluation.expressions import fold, ground, number, special
 from kbstore.evaluation.substitution import Bindings, keyed, term
 from kbstore.messages.enums import SpecialType
 from kbstore.model.domain import Domain, Signature
+from kbstore.model.expressions import NumericExpression, Token
 from kbstore.model.formulas import (
     And,
     Atom,
@@ -18,12 +19,10 @@ from kbstore.model.formulas import (
     Imply,
     IsA,
     Not,
-    NumericExpression,
     Or,
     Parameter,
     Preference,
     Same,
-    Token,
     Truism,
 )
 from kbstore.names import key

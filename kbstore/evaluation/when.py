@@ -10,14 +10,15 @@ from kbstore.evaluation import signals
 from kbstore.evaluation.evaluator import Evaluation
 from kbstore.evaluation.interpretation import Arguments, Interpretation, Trajectory
 from kbstore.evaluation.intervals import Intervals
-from kbstore.evaluation.joins import Guard, Relation, Types, Variables, assignments, guards, is_variable, variables_of
+from kbstore.evaluation.joins import Guard, Relation, assignments, guards, is_variable
 from kbstore.evaluation.leaf_signals import LeafSignals
-from kbstore.evaluation.rules import program, walk
+from kbstore.evaluation.rules import program
 from kbstore.evaluation.signals import Signal
 from kbstore.evaluation.substitution import Bindings, Pattern, keyed, pattern, term
 from kbstore.evaluation.trajectory_views import CachedTrajectory, TrajectoryAt
 from kbstore.evaluation.wellformed import check
 from kbstore.messages.enums import Truth
+from kbstore.model.expressions import atoms_of
 from kbstore.model.formulas import (
     And,
     Atom,
@@ -33,7 +34,10 @@ from kbstore.model.formulas import (
     Preference,
     Same,
     Truism,
-    atoms_of,
+    Types,
+    Variables,
+    variables_of,
+    walk,
 )
 from kbstore.names import is_wildcard, key
 

@@ -10,6 +10,7 @@ from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
 from kbstore.clock import SECOND, isoformat
+from kbstore.conversion import from_composite
 from kbstore.errors import InvalidKnowledge
 from kbstore.interop.plans import Happening, Step, execute, steps
 from kbstore.interop.up_actions import ActionTranslator, changed_functions
@@ -28,9 +29,10 @@ from kbstore.messages import Condition, Expression, Fact, Function, Goal, Inequa
 from kbstore.messages.base import format_number
 from kbstore.model import formulas
 from kbstore.model.domain import Domain
-from kbstore.model.formulas import Atom, atoms_of
+from kbstore.model.expressions import atoms_of
+from kbstore.model.formulas import Atom
 from kbstore.names import key
-from kbstore.pddl.parse import condition_of, from_composite, parse_condition
+from kbstore.pddl.parse import condition_of, parse_condition
 from kbstore.pddl.printer import condition_text
 
 if TYPE_CHECKING:

@@ -11,6 +11,7 @@ from kbstore.interop.up_symbols import library
 from kbstore.messages import AssignOp, ComparisonType, Operator
 from kbstore.model.actions import Action
 from kbstore.model.domain import Domain
+from kbstore.model.expressions import NumericExpression, atoms_of
 from kbstore.model.formulas import (
     Add,
     And,
@@ -19,11 +20,9 @@ from kbstore.model.formulas import (
     ForEach,
     Formula,
     NumericEffect,
-    NumericExpression,
     Timing,
     When,
     WhenAtStart,
-    atoms_of,
     children,
 )
 from kbstore.names import key

@@ -10,6 +10,7 @@ from kbstore.evaluation import expressions
 from kbstore.interop.up_symbols import SymbolTranslator, library
 from kbstore.messages import ComparisonType, Operator, SpecialType
 from kbstore.messages.base import format_number
+from kbstore.model.expressions import NumericExpression, Token
 from kbstore.model.formulas import (
     And,
     Atom,
@@ -19,11 +20,9 @@ from kbstore.model.formulas import (
     Formula,
     Imply,
     Not,
-    NumericExpression,
     Or,
     Parameter,
     Same,
-    Token,
     Truism,
 )
 from kbstore.names import key

@@ -1,15 +1,14 @@
-"""The PDDL domain: what can be said, and whether something said fits."""
+"""A PDDL domain: its types, constants, predicates, functions, actions and rules, and what follows from the types."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TypeVar, overload
+from typing import Self, TypeVar
 
 from kbstore.errors import UnknownSymbol
-from kbstore.messages import DomainFormula, DomainOperator, KeyValue
-from kbstore.model.actions import Action, operator_message
+from kbstore.model.actions import Action
 from kbstore.model.formulas import Formula, Parameter
-from kbstore.names import key
+from kbstore.names import NameMapping, key
 
 _Symbol = TypeVar("_Symbol")
 
@@ -29,15 +28,9 @@ class Signature:
         """The parameters' names in order."""
         return tuple(parameter.name for parameter in self.parameters)
 
-    @cached_property
-    def formula(self) -> DomainFormula:
-        """The signature as a message."""
-        return DomainFormula(
-            name=self.name, typed_parameters=tuple(KeyValue(p.name, p.type_text) for p in self.parameters)
-        )
-
     def __str__(self) -> str:
-        return self.formula.declaration()
+        """Return the declaration in PDDL, for instance ``(robot_at ?r - robot ?wp - waypoint)``."""
+        return f"({' '.join((self.name, *(f'?{p.name} - {p.type_text}' for p in self.parameters)))})"
 
 
 @dataclass(frozen=True)
@@ -48,37 +41,12 @@ class DerivedRule:
     condition: Formula
 
 
-class DomainFormulas(tuple[DomainFormula, ...]):
-    """Formulas of the domain in its order; also found by name, whatever the case: ``predicates["robot_at"]``."""
-
-    __slots__ = ()
-
-    def __contains__(self, wanted: object) -> bool:
-        if isinstance(wanted, str):
-            return any(key(formula.name) == key(wanted) for formula in self)
-        return super().__contains__(wanted)
-
-    @overload  # type: ignore[override]
-    def __getitem__(self, wanted: int) -> DomainFormula: ...
-    @overload
-    def __getitem__(self, wanted: slice) -> tuple[DomainFormula, ...]: ...
-    @overload
-    def __getitem__(self, wanted: str) -> DomainFormula: ...
-    def __getitem__(self, wanted: int | slice | str) -> DomainFormula | tuple[DomainFormula, ...]:
-        if not isinstance(wanted, str):
-            return super().__getitem__(wanted)
-        for formula in self:
-            if key(formula.name) == key(wanted):
-                return formula
-        raise KeyError(wanted)
-
-
 @dataclass(frozen=True, eq=False)
 class Domain:
-    """What a PDDL domain declares. Mappings are by `kbstore.names.key`, unless said otherwise.
+    """What a PDDL domain declares. Mappings are read-only, and keyed by `kbstore.names.key` unless said otherwise.
 
     `types` maps each type's name, as written, to its parent's (to ``(either a b)`` where it has several);
-    `constants` each constant's name to its type.
+    `constants` maps each constant's name to its type. Both are found by name in any case.
     """
 
     name: str
@@ -92,25 +60,11 @@ class Domain:
     sensed: frozenset[str] = frozenset()
     source: str = ""
 
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "types", NameMapping(self.types))
+        object.__setattr__(self, "constants", NameMapping(self.constants))
+
     # -- what is declared -------------------------------------------------------------------------------------
-
-    @cached_property
-    def predicates(self) -> DomainFormulas:
-        """The predicates as messages, derived ones included."""
-        return DomainFormulas(signature.formula for signature in self.predicate_signatures.values())
-
-    @cached_property
-    def functions(self) -> DomainFormulas:
-        """The numeric functions as messages."""
-        return DomainFormulas(signature.formula for signature in self.function_signatures.values())
-
-    def predicate(self, name: str) -> DomainFormula:
-        """The predicate of that name. Raises `UnknownSymbol`."""
-        return self.predicate_signature(name).formula
-
-    def function(self, name: str) -> DomainFormula:
-        """The numeric function of that name. Raises `UnknownSymbol`."""
-        return self.function_signature(name).formula
 
     def predicate_signature(self, name: str) -> Signature:
         """The predicate's signature. Raises `UnknownSymbol`."""
@@ -120,10 +74,10 @@ class Domain:
         """The numeric function's signature. Raises `UnknownSymbol`."""
         return _find(self.function_signatures, name, "function", self.name)
 
-    def symbol(self, name: str) -> DomainFormula:
-        """The predicate or numeric function of that name. Raises `UnknownSymbol`."""
+    def symbol(self, name: str) -> Signature:
+        """The signature of the predicate or numeric function of that name. Raises `UnknownSymbol`."""
         symbols = {**self.function_signatures, **self.predicate_signatures}
-        return _find(symbols, name, "predicate or function", self.name).formula
+        return _find(symbols, name, "predicate or function", self.name)
 
     def action(self, name: str) -> Action:
         """The operator with all of its conditions and effects. Raises `UnknownSymbol`."""
@@ -138,13 +92,13 @@ class Domain:
         self.symbol(name)
         return key(name) in self.sensed
 
-    def with_sensed(self, name: str, sensed: bool) -> "Domain":
+    def with_sensed(self, name: str, sensed: bool) -> Self:
         """The domain with a predicate marked as sensed or not."""
         self.is_sensed(name)
         marks = self.sensed | {key(name)} if sensed else self.sensed - {key(name)}
         return replace(self, sensed=frozenset(marks))
 
-    def marked(self, names: Iterable[str]) -> "Domain":
+    def marked(self, names: Iterable[str]) -> Self:
         """The domain with exactly these predicates, by their keys, marked as sensed."""
         return replace(self, sensed=frozenset(names))
 
@@ -207,17 +161,6 @@ class Domain:
     @cached_property
     def _subtypes(self) -> dict[tuple[str, ...], frozenset[str]]:
         return {}
-
-    # -- operators as messages --------------------------------------------------------------------------------
-
-    @cached_property
-    def operators(self) -> Mapping[str, DomainOperator]:
-        """The operators as messages, by name as written."""
-        return {action.name: operator_message(action, self.constants) for action in self.actions.values()}
-
-    def operator(self, name: str) -> DomainOperator:
-        """The operator as a message. Raises `UnknownSymbol`."""
-        return self.operators[self.action(name).name]
 
 
 def type_keys(type_text: str) -> tuple[str, ...]:

@@ -1,33 +1,50 @@
-"""The abstract syntax of PDDL's formulas: terms, expressions, conditions and effects.
+"""The abstract syntax of conditions and effects, and how to walk through them.
 
 Names stand here as they were written; whoever compares them does so by `kbstore.names.key`. Arguments that begin
 with ``?`` are variables; a bare ``?`` (or a free variable in a question) matches any object (rule V7).
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
-from typing import assert_never, overload
+from typing import NamedTuple, assert_never, overload
 
-from kbstore.messages.enums import AssignOp, ComparisonType, Operator, SpecialType
+from kbstore.messages.enums import AssignOp, ComparisonType
+from kbstore.model.expressions import Atom, NumericExpression
+from kbstore.names import key
 
-
-@dataclass(frozen=True, slots=True)
-class Atom:
-    """A predicate or a numeric function with its arguments."""
-
-    name: str
-    arguments: tuple[str, ...] = ()
-
-    def __str__(self) -> str:
-        return f"({' '.join((self.name, *self.arguments))})"
-
-
-Token = float | Atom | Operator | SpecialType
-"""A number, a function's term, an operator, or a special number."""
-
-NumericExpression = tuple[Token, ...]
-"""A numeric expression in prefix order; a flat tuple, so that no depth of nesting needs a deep stack."""
+__all__ = [
+    "Add",
+    "And",
+    "Atom",
+    "Comparison",
+    "Defined",
+    "Delete",
+    "Effect",
+    "Exists",
+    "ForEach",
+    "Forall",
+    "Formula",
+    "Imply",
+    "IsA",
+    "Not",
+    "NumericEffect",
+    "Occurrence",
+    "Or",
+    "Parameter",
+    "Preference",
+    "Same",
+    "Timing",
+    "Truism",
+    "Types",
+    "Variables",
+    "When",
+    "WhenAtStart",
+    "children",
+    "map_children",
+    "variables_of",
+    "walk",
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -239,6 +256,39 @@ def map_children(node: Formula, f: Callable[[Formula], Formula]) -> Formula:
             assert_never(node)
 
 
-def atoms_of(expression: NumericExpression) -> Iterator[Atom]:
-    """The functions that an expression reads."""
-    return (token for token in expression if isinstance(token, Atom))
+Types = tuple[str, ...]
+"""The types that a variable may be of, as keys: one, or those of an ``either``."""
+
+Variables = Mapping[str, Types]
+"""The types of variables, by the variables' keys."""
+
+
+def variables_of(parameters: Sequence[Parameter]) -> dict[str, Types]:
+    """Return the variables that parameters declare."""
+    return {key(p.name): tuple([key(type_name) for type_name in p.types]) for p in parameters}
+
+
+class Occurrence(NamedTuple):
+    """A condition within a condition: whether under an even number of negations, and the variables in its scope."""
+
+    node: Formula
+    positive: bool
+    scope: Variables
+
+
+def walk(condition: Formula, scope: Variables, positive: bool = True) -> Iterator[Occurrence]:
+    """Yield a condition and all conditions within it."""
+    todo = [Occurrence(condition, positive, scope)]
+    while todo:
+        occurrence = todo.pop()
+        yield occurrence
+        node, positive, scope = occurrence
+        match node:
+            case Not(part):
+                todo.append(Occurrence(part, not positive, scope))
+            case Imply(premise, conclusion):
+                todo += [Occurrence(premise, not positive, scope), Occurrence(conclusion, positive, scope)]
+            case Exists(parameters, part) | Forall(parameters, part):
+                todo.append(Occurrence(part, positive, {**scope, **variables_of(parameters)}))
+            case _:
+                todo.extend(Occurrence(part, positive, scope) for part in children(node))

@@ -6,7 +6,7 @@ from functools import lru_cache
 from typing import NamedTuple
 
 from kbstore.errors import InvalidKnowledge, UnknownSymbol
-from kbstore.messages import KnowledgeType
+from kbstore.messages.enums import KnowledgeType
 from kbstore.model.domain import Domain, Signature
 from kbstore.names import key
 

@@ -18,7 +18,7 @@ from hashlib import sha256
 from typing import Any, NamedTuple
 
 from kbstore.clock import SECOND
-from kbstore.messages import KeyValue, KnowledgeType, key_values
+from kbstore.messages.enums import KnowledgeType
 
 Value = tuple[Any, ...]
 
@@ -59,12 +59,13 @@ class Identity(NamedTuple):
 class Timeline:
     """One timeline; `id` is 0 until it is stored."""
 
-    __slots__ = ("_labelled", "_words", "id", "key", "keys", "kind", "role", "spelling")
+    __slots__ = ("_words", "id", "key", "keys", "kind", "role", "shown", "spelling")
 
     keys: tuple[str, ...]
     """The words of the key: of an atom its symbol and its objects."""
     _words: tuple[str, ...]
-    _labelled: tuple[Sequence[str], tuple[KeyValue, ...]]
+    shown: tuple[Sequence[str], tuple[Any, ...]] | None
+    """The labels with which the arguments were shown last, and what was made of the two."""
 
     def __init__(self, id: int, role: int, kind: int, key: str, spelling: str | None) -> None:
         self.id = id
@@ -73,6 +74,7 @@ class Timeline:
         self.key = key
         """What it is about, as it is compared."""
         self.spelling = key if spelling is None else spelling
+        self.shown = None
 
     def __getattr__(self, name: str) -> Any:
         """A slot that is not filled yet: a state has a thousand timelines, and most questions are about one."""
@@ -101,15 +103,6 @@ class Timeline:
     def identity(self) -> Identity:
         """Role, knowledge type and key."""
         return Identity(self.role, self.kind, self.key)
-
-    def labelled(self, labels: Sequence[str]) -> tuple[KeyValue, ...]:
-        """The arguments with their labels."""
-        known: tuple[Sequence[str], tuple[KeyValue, ...]] | None = getattr(self, "_labelled", None)
-        if known is not None and known[0] is labels:
-            return known[1]
-        values = key_values(labels, self.arguments)
-        self._labelled = (labels, values)
-        return values
 
     def __repr__(self) -> str:
         return f"Timeline({self.id}, {self.role.name}, {self.kind.name}, {self.spelling!r})"

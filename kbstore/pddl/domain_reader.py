@@ -4,11 +4,12 @@ import os
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
+from kbstore.conversion import MessageDomain
 from kbstore.errors import InvalidKnowledge
-from kbstore.evaluation.rules import strata
 from kbstore.model.actions import Action
 from kbstore.model.domain import ROOT_TYPE, DerivedRule, Domain, Signature, type_keys
 from kbstore.model.formulas import Parameter
+from kbstore.model.stratification import strata
 from kbstore.names import key
 from kbstore.pddl.action_reader import ActionReader
 from kbstore.pddl.conditions import ConditionReader
@@ -32,7 +33,7 @@ _SECTIONS = (
 _REPEATED = (":derived", ":action", ":durative-action")
 
 
-def read_domain(source: str | os.PathLike[str]) -> Domain:
+def read_domain(source: str | os.PathLike[str]) -> MessageDomain:
     """The domain in a file, or in PDDL text. Its sections may come in any order.
 
     Raises `PddlSyntaxError`, with the place, for what cannot be read or does not fit: undeclared and repeated names,
@@ -41,7 +42,7 @@ def read_domain(source: str | os.PathLike[str]) -> Domain:
     text = SourceText.open(source)
     context = Scope(text, report=fail_at_once(text))
     definition = read_definition(context, "domain", _SECTIONS, _REPEATED)
-    domain = Domain(
+    domain = MessageDomain(
         check_name(context, "domain", definition.whole, 1, definition.name),
         types=_types(context, definition),
         requirements=read_requirements(context, definition),

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 
 from kbstore.errors import InvalidKnowledge
 from kbstore.messages import AssignOp, Operator, SpecialType
-from kbstore.model.formulas import Add, Atom, Delete, Effect, ForEach, NumericEffect, NumericExpression, When
+from kbstore.model.expressions import NumericExpression
+from kbstore.model.formulas import Add, Atom, Delete, Effect, ForEach, NumericEffect, When
 from kbstore.pddl.conditions import MAX_DEPTH, ConditionReader
 from kbstore.pddl.expressions import read_expression, read_function
 from kbstore.pddl.scope import Scope, Variables

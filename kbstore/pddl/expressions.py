@@ -5,7 +5,8 @@ import re
 
 from kbstore.errors import InvalidKnowledge
 from kbstore.messages import Operator, SpecialType
-from kbstore.model.formulas import Atom, NumericExpression, Token
+from kbstore.model.expressions import NumericExpression, Token
+from kbstore.model.formulas import Atom
 from kbstore.names import is_wildcard
 from kbstore.pddl.scope import NO_VARIABLES, Scope, Variables
 from kbstore.pddl.sexpr import Group, Node, node_text

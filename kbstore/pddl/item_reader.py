@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from kbstore.conversion import composite_of
 from kbstore.errors import InvalidKnowledge
 from kbstore.messages import (
     AssignOp,
@@ -20,8 +21,8 @@ from kbstore.messages import (
 )
 from kbstore.messages import Expression as Metric
 from kbstore.model.domain import Signature
-from kbstore.model.expressions import composite_of
-from kbstore.model.formulas import Atom, Comparison, NumericExpression
+from kbstore.model.expressions import NumericExpression
+from kbstore.model.formulas import Atom, Comparison
 from kbstore.names import is_wildcard, key
 from kbstore.pddl.conditions import COMPARISONS
 from kbstore.pddl.effects import ASSIGNMENTS, function_group, negated, rate_of

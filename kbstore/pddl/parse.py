@@ -1,12 +1,12 @@
 """The text forms of knowledge and questions: from text to items and formulas, and between items and formulas."""
 
+from kbstore.conversion import from_composite
 from kbstore.errors import InvalidKnowledge
-from kbstore.evaluation.rules import walk
 from kbstore.messages import ComparisonType, Fact, Function, Goal, Inequality, Instance, KnowledgeItem
 from kbstore.messages import Condition as ConditionMessage
 from kbstore.model.domain import Domain, Signature
-from kbstore.model.expressions import from_composite
-from kbstore.model.formulas import Atom, Comparison, Defined, Formula, IsA, Not, NumericExpression
+from kbstore.model.expressions import NumericExpression
+from kbstore.model.formulas import Atom, Comparison, Defined, Formula, IsA, Not, walk
 from kbstore.names import key
 from kbstore.pddl.conditions import ConditionReader, conjuncts
 from kbstore.pddl.expressions import read_expression
@@ -17,7 +17,6 @@ from kbstore.pddl.sexpr import Group, SourceText, node_text
 
 __all__ = [
     "condition_of",
-    "from_composite",
     "goals_of",
     "parse_condition",
     "parse_expression",

@@ -3,6 +3,7 @@
 from collections.abc import Iterable
 
 from kbstore.messages import AssignOp, Operator, SpecialType, format_number
+from kbstore.model.expressions import NumericExpression, Token
 from kbstore.model.formulas import (
     Add,
     And,
@@ -19,12 +20,10 @@ from kbstore.model.formulas import (
     IsA,
     Not,
     NumericEffect,
-    NumericExpression,
     Or,
     Parameter,
     Preference,
     Same,
-    Token,
     Truism,
     When,
     WhenAtStart,

@@ -9,7 +9,8 @@ from kbstore.evaluation import expressions
 from kbstore.evaluation.conditions import Evaluation
 from kbstore.evaluation.interpretation import Interpretation
 from kbstore.messages import ComparisonType, SpecialType, Truth
-from kbstore.model.formulas import Comparison, Formula, NumericExpression, Timing
+from kbstore.model.expressions import NumericExpression
+from kbstore.model.formulas import Comparison, Formula, Timing
 from kbstore.pddl.printer import condition_text
 from kbstore.planning import effects, start_conditions
 from kbstore.planning.effects import Effects

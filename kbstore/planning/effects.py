@@ -13,6 +13,7 @@ from kbstore.evaluation.interpretation import Arguments, Interpretation, Number
 from kbstore.messages import AssignOp, ComparisonType, Operator, Truth
 from kbstore.messages.base import format_number
 from kbstore.model.domain import Domain
+from kbstore.model.expressions import NumericExpression, atoms_of
 from kbstore.model.formulas import (
     Add,
     Atom,
@@ -24,11 +25,9 @@ from kbstore.model.formulas import (
     Formula,
     Not,
     NumericEffect,
-    NumericExpression,
     Timing,
     When,
     WhenAtStart,
-    atoms_of,
 )
 from kbstore.names import key
 from kbstore.planning.grounding import GroundAction

@@ -10,7 +10,8 @@ from kbstore.evaluation.interpretation import Interpretation
 from kbstore.evaluation.substitution import Bindings, instantiated
 from kbstore.model.actions import Action
 from kbstore.model.domain import Domain
-from kbstore.model.formulas import And, Atom, Forall, Formula, NumericExpression, Parameter, Preference, Timing, Truism
+from kbstore.model.expressions import NumericExpression
+from kbstore.model.formulas import And, Atom, Forall, Formula, Parameter, Preference, Timing, Truism
 from kbstore.names import key
 
 

@@ -6,6 +6,7 @@ from kbstore.clock import OPEN
 from kbstore.evaluation import conditions
 from kbstore.messages import KnowledgeType, Truth, format_number
 from kbstore.model import formulas
+from kbstore.model.expressions import atoms_of
 from kbstore.model.results import Explanation, Transaction
 from kbstore.model.symbols import SymbolTable
 from kbstore.model.timelines import EndCause, Identity, Role, atom_key
@@ -84,7 +85,7 @@ class Explainer:
         self, repository: Repository, state: State, condition: formulas.Comparison, truth: Truth
     ) -> Explanation:
         parts = []
-        for function in dict.fromkeys(formulas.atoms_of((*condition.left, *condition.right))):
+        for function in dict.fromkeys(atoms_of((*condition.left, *condition.right))):
             number = state.snapshot.number(key(function.name), tuple(map(key, function.arguments)))
             text = str(function) if number is None else f"(= {function} {format_number(number.at(state.at))})"
             defined = Truth.of(number is not None)

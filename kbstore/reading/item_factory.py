@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable
 
+from kbstore.conversion import composite_of, unlabelled
 from kbstore.messages import (
     AssignOp,
     ComparisonType,
@@ -14,11 +15,11 @@ from kbstore.messages import (
     Function,
     Inequality,
     Instance,
+    KeyValue,
     KnowledgeItem,
     KnowledgeType,
     key_values,
 )
-from kbstore.model.expressions import composite_of, unlabelled
 from kbstore.model.formulas import Atom
 from kbstore.model.symbols import SymbolTable
 from kbstore.model.timelines import Timeline, Value, number_at
@@ -42,7 +43,7 @@ class ItemFactory:
                     initial_time=initial_time,
                     is_negative=bool(value[0]),
                     attribute_name=timeline.name,
-                    values=timeline.labelled(self._labels(timeline)),
+                    values=self._values(timeline),
                     knowledge_type=KnowledgeType.FACT,
                 )
             case KnowledgeType.FUNCTION:
@@ -50,7 +51,7 @@ class ItemFactory:
                     initial_time=initial_time,
                     is_negative=False,
                     attribute_name=timeline.name,
-                    values=timeline.labelled(self._labels(timeline)),
+                    values=self._values(timeline),
                     knowledge_type=KnowledgeType.FUNCTION,
                     function_value=number_at(value, initial_time, t),
                     assign_op=AssignOp.ASSIGN,
@@ -91,8 +92,14 @@ class ItemFactory:
         labels = self._symbols.labels(KnowledgeType.FUNCTION, key(function.name), len(function.arguments))
         return DomainFormula.trusted(name=function.name, typed_parameters=key_values(labels, function.arguments))
 
-    def _labels(self, timeline: Timeline) -> "tuple[str, ...]":
-        return self._symbols.labels(timeline.kind, timeline.keys[0], len(timeline.arguments))  # type: ignore[return-value]
+    def _values(self, timeline: Timeline) -> tuple[KeyValue, ...]:
+        """The arguments with their labels, made once for all states that show the timeline with the same labels."""
+        labels = self._symbols.labels(timeline.kind, timeline.keys[0], len(timeline.arguments))
+        # read once: other threads may show it with other labels
+        shown = timeline.shown
+        if shown is None or shown[0] is not labels:
+            shown = timeline.shown = (labels, key_values(labels, timeline.arguments))
+        return shown[1]
 
 
 def _order(row: tuple[Timeline, int, Value]) -> tuple[int, int]:

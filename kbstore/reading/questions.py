@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from typing import cast, get_args
 
+from kbstore.conversion import from_composite
 from kbstore.errors import InvalidKnowledge
 from kbstore.messages import (
     Condition,
@@ -21,8 +22,9 @@ from kbstore.messages import (
 )
 from kbstore.model import formulas
 from kbstore.model.domain import Domain
+from kbstore.model.expressions import NumericExpression
 from kbstore.model.symbols import SymbolTable
-from kbstore.pddl.parse import condition_of, from_composite, parse_condition, parse_expression, parse_item
+from kbstore.pddl.parse import condition_of, parse_condition, parse_expression, parse_item
 
 Question = str | KnowledgeItem | Condition | formulas.Formula | Mapping[str, object] | object
 """What can be asked: PDDL text, an item, a mapping or object in the shape of the ROS message, a formula."""
@@ -69,7 +71,7 @@ def as_condition(question: Question, symbol_table: SymbolTable) -> formulas.Form
     return condition_of(item, symbol_table.domain)
 
 
-def as_expression(question: object, symbol_table: SymbolTable) -> formulas.NumericExpression:
+def as_expression(question: object, symbol_table: SymbolTable) -> NumericExpression:
     """The numeric expression whose value is asked for."""
     if isinstance(question, str):
         return parse_expression(question)

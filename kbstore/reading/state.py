@@ -4,6 +4,7 @@ from collections.abc import Callable
 from functools import cached_property
 from typing import TYPE_CHECKING, TypeVar, cast
 
+from kbstore.conversion import MessageDomain
 from kbstore.errors import KbStoreError
 from kbstore.evaluation import conditions, expressions
 from kbstore.evaluation.interpretation import Interpretation
@@ -21,7 +22,7 @@ from kbstore.messages import (
     Truth,
 )
 from kbstore.model import formulas
-from kbstore.model.domain import Domain
+from kbstore.model.expressions import NumericExpression
 from kbstore.model.results import QueryResult, Run
 from kbstore.model.symbols import SymbolTable
 from kbstore.model.timelines import Identity, Role
@@ -38,7 +39,7 @@ if TYPE_CHECKING:
 _Kind = TypeVar("_Kind")
 
 
-def value_in(world: Interpretation, expression: formulas.NumericExpression) -> float:
+def value_in(world: Interpretation, expression: NumericExpression) -> float:
     """The value of an expression, after its symbols have been checked (rules V5, V8)."""
     conditions.check(formulas.Comparison(ComparisonType.EQUALS, expression, expression), world.domain)
     return expressions.evaluate(expression, world)
@@ -89,9 +90,9 @@ class State:
     # -- what stands ------------------------------------------------------------------------------------------
 
     @property
-    def domain(self) -> Domain | None:
+    def domain(self) -> MessageDomain | None:
         """The domain at that time."""
-        return self._symbols.domain
+        return cast("MessageDomain | None", self._symbols.domain)
 
     @property
     def use_unknowns(self) -> bool:

@@ -7,6 +7,7 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 
 from kbstore.clock import isoformat
+from kbstore.conversion import from_composite
 from kbstore.errors import DivisionByZero, InvalidKnowledge, KbStoreError, ScheduledRelativeChange, UndefinedFunction
 from kbstore.evaluation.wellformed import check
 from kbstore.messages import (
@@ -25,7 +26,7 @@ from kbstore.model.formulas import Atom, Comparison, Formula
 from kbstore.model.symbols import SymbolTable
 from kbstore.model.timelines import METRIC_KEY, EndCause, Identity, Role, Value, atom_key
 from kbstore.names import is_wildcard, key
-from kbstore.pddl.parse import condition_of, from_composite, parse_condition
+from kbstore.pddl.parse import condition_of, parse_condition
 from kbstore.pddl.printer import condition_text, expression_text
 from kbstore.storage.repository import LogPosition, Repository
 from kbstore.writing.atom_resolution import AtomResolver

@@ -6,6 +6,7 @@ from kbstore import names
 from kbstore.clock import isoformat
 from kbstore.errors import InvalidKnowledge, KbStoreError
 from kbstore.messages import KnowledgeType
+from kbstore.model.expressions import NumericExpression, atoms_of
 from kbstore.model.formulas import (
     And,
     Atom,
@@ -17,11 +18,9 @@ from kbstore.model.formulas import (
     Imply,
     IsA,
     Not,
-    NumericExpression,
     Or,
     Preference,
     Same,
-    atoms_of,
 )
 from kbstore.model.symbols import SymbolTable
 from kbstore.model.timelines import Identity, Role

@@ -12,6 +12,7 @@ from typing import Any
 from kbstore.evaluation.interpretation import Number
 from kbstore.messages import ComparisonType, Operator, Truth
 from kbstore.model.domain import Domain
+from kbstore.model.expressions import NumericExpression
 from kbstore.model.formulas import (
     And,
     Atom,
@@ -23,7 +24,6 @@ from kbstore.model.formulas import (
     Imply,
     IsA,
     Not,
-    NumericExpression,
     Or,
     Preference,
     Same,

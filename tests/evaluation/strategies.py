@@ -8,6 +8,7 @@ from kbstore.clock import SECOND
 from kbstore.evaluation.interpretation import Number
 from kbstore.messages import ComparisonType, Operator
 from kbstore.model.domain import DerivedRule, Domain
+from kbstore.model.expressions import NumericExpression
 from kbstore.model.formulas import (
     And,
     Atom,
@@ -19,7 +20,6 @@ from kbstore.model.formulas import (
     Imply,
     IsA,
     Not,
-    NumericExpression,
     Or,
     Parameter,
     Preference,

@@ -8,6 +8,7 @@ from kbstore.errors import InvalidKnowledge, UnknownSymbol
 from kbstore.evaluation.conditions import Evaluation, check, truth
 from kbstore.evaluation.interpretation import Number
 from kbstore.messages import ComparisonType, Operator, SpecialType, Truth
+from kbstore.model.expressions import NumericExpression
 from kbstore.model.formulas import (
     And,
     Atom,
@@ -18,7 +19,6 @@ from kbstore.model.formulas import (
     Imply,
     IsA,
     Not,
-    NumericExpression,
     Or,
     Parameter,
     Preference,

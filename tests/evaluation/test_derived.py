@@ -7,7 +7,6 @@ from hypothesis import given, settings
 from kbstore.errors import InvalidKnowledge, UnknownSymbol
 from kbstore.evaluation import when
 from kbstore.evaluation.conditions import Evaluation, truth
-from kbstore.evaluation.derived import strata
 from kbstore.messages import ComparisonType, Truth
 from kbstore.model.domain import DerivedRule, Domain
 from kbstore.model.formulas import (
@@ -24,6 +23,7 @@ from kbstore.model.formulas import (
     Preference,
     Truism,
 )
+from kbstore.model.stratification import strata
 from tests.evaluation import brute_force
 from tests.evaluation.strategies import DOMAIN, RULES, exists, forall, rule, worlds
 from tests.evaluation.worlds import History, World, signatures

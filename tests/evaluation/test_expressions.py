@@ -9,7 +9,8 @@ from kbstore.errors import DivisionByZero, InvalidKnowledge, UndefinedFunction
 from kbstore.evaluation.expressions import evaluate
 from kbstore.evaluation.interpretation import Number
 from kbstore.messages import Operator, SpecialType
-from kbstore.model.formulas import Atom, NumericExpression
+from kbstore.model.expressions import NumericExpression
+from kbstore.model.formulas import Atom
 from tests.evaluation.worlds import World
 
 ADD, SUB, MUL, DIV, MINUS = Operator.ADD, Operator.SUB, Operator.MUL, Operator.DIV, Operator.UMINUS

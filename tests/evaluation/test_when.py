@@ -12,20 +12,8 @@ from kbstore.evaluation.conditions import truth
 from kbstore.evaluation.interpretation import Arguments, Number
 from kbstore.evaluation.intervals import Intervals
 from kbstore.messages import ComparisonType, Operator, SpecialType, Truth
-from kbstore.model.formulas import (
-    And,
-    Atom,
-    Comparison,
-    Defined,
-    Formula,
-    Imply,
-    IsA,
-    Not,
-    NumericExpression,
-    Or,
-    Same,
-    Truism,
-)
+from kbstore.model.expressions import NumericExpression
+from kbstore.model.formulas import And, Atom, Comparison, Defined, Formula, Imply, IsA, Not, Or, Same, Truism
 from tests.evaluation import brute_force
 from tests.evaluation.strategies import (
     DOMAIN,

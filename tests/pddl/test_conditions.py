@@ -2,6 +2,7 @@
 
 import pytest
 
+from kbstore.conversion import from_composite
 from kbstore.errors import InvalidKnowledge, KbStoreError, PddlSyntaxError, UnknownSymbol
 from kbstore.messages import AssignOp, ComparisonType, Fact, Function, Inequality, Instance, Operator, SpecialType
 from kbstore.messages import Condition as ConditionMessage
@@ -22,7 +23,7 @@ from kbstore.model.formulas import (
     Truism,
 )
 from kbstore.pddl.domain_reader import read_domain
-from kbstore.pddl.parse import condition_of, from_composite, goals_of, parse_condition, parse_expression, parse_item
+from kbstore.pddl.parse import condition_of, goals_of, parse_condition, parse_expression, parse_item
 from kbstore.pddl.printer import condition_text, expression_text
 
 P, Q = Atom("p"), Atom("q")

@@ -2,6 +2,7 @@
 
 import pytest
 
+from kbstore.conversion import composite_of, from_composite, unlabelled
 from kbstore.errors import InvalidKnowledge, KbStoreError, PddlSyntaxError
 from kbstore.messages import (
     AssignOp,
@@ -15,9 +16,8 @@ from kbstore.messages import (
     Operator,
     SpecialType,
 )
-from kbstore.model.expressions import composite_of, unlabelled
 from kbstore.pddl.domain_reader import read_domain
-from kbstore.pddl.parse import from_composite, parse_item
+from kbstore.pddl.parse import parse_item
 
 DOMAIN = read_domain(
     """(define (domain d) (:types robot waypoint)

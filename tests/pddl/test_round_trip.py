@@ -2,11 +2,11 @@
 
 from hypothesis import example, given, settings
 
+from kbstore.conversion import composite_of, from_composite, unlabelled
 from kbstore.messages import AssignOp, ComparisonType, Function, Operator
-from kbstore.model.expressions import composite_of, unlabelled
 from kbstore.model.formulas import Add, Atom, Comparison, Delete, Forall, ForEach, NumericEffect, Parameter, When
 from kbstore.pddl.domain_reader import read_domain
-from kbstore.pddl.parse import from_composite, parse_condition, parse_expression, parse_item
+from kbstore.pddl.parse import parse_condition, parse_expression, parse_item
 from kbstore.pddl.printer import condition_text, effect_text, expression_text
 from kbstore.pddl.sexpr import SourceText, node_text
 from tests.pddl import strategies

@@ -3,7 +3,8 @@
 from kbstore.messages import AssignOp, ComparisonType, SpecialType
 from kbstore.model.actions import Action, DurationConstraint
 from kbstore.model.domain import Domain
-from kbstore.model.formulas import Atom, Effect, Formula, NumericEffect, NumericExpression, Parameter, Timing
+from kbstore.model.expressions import NumericExpression
+from kbstore.model.formulas import Atom, Effect, Formula, NumericEffect, Parameter, Timing
 from kbstore.planning.grounding import GroundAction, ground
 from tests.evaluation.worlds import World, signatures
 

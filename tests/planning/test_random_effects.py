@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from kbstore.errors import KbStoreError
 from kbstore.messages import AssignOp, ComparisonType, Operator
+from kbstore.model.expressions import NumericExpression
 from kbstore.model.formulas import (
     Add,
     And,
@@ -20,7 +21,6 @@ from kbstore.model.formulas import (
     Formula,
     Not,
     NumericEffect,
-    NumericExpression,
     Or,
     Parameter,
     Timing,

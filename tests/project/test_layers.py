@@ -2,6 +2,7 @@
 
 import ast
 import re
+from functools import cache
 
 import pytest
 
@@ -12,7 +13,7 @@ LAYERS = (
     ("clock", "names"),
     ("messages",),
     ("model",),
-    ("evaluation",),
+    ("conversion", "evaluation"),
     ("pddl",),
     ("planning", "interop"),
     ("storage",),
@@ -26,6 +27,10 @@ LAYERS = (
     ("cli",),
 )
 """From what everything may use to the faces; what stands together in a layer knows nothing of each other."""
+
+MOST_ROOMS = 22
+MOST_LEVELS = 15
+"""A newcomer keeps so many packages and modules in mind, and so many floors between the errors and the command line."""
 
 LONGEST = 400
 LONG = {"kbstore/knowledge_base.py": "the public interface of a knowledge base: one short method for each question"}
@@ -108,6 +113,31 @@ def test_no_imports_in_circles():
             break
         left = {name: others - free for name, others in left.items() if name not in free}
     assert not left
+
+
+def test_the_house_has_few_rooms():
+    """At most 22 packages and modules right below kbstore."""
+    assert len({part(name) for name in MODULES} - {"__init__"}) <= MOST_ROOMS
+
+
+def test_the_house_has_few_levels():
+    """The longest chain of imports from room to room has at most 15 of them."""
+    needs = {part(name): set() for name in MODULES}
+    for name, others in OWN.items():
+        needs[part(name)] |= {part(other) for other in others} - {part(name)}
+
+    @cache
+    def height(room):
+        return 1 + max(map(height, needs[room]), default=0)
+
+    assert max(map(height, needs)) <= MOST_LEVELS, {room: height(room) for room in needs}
+
+
+def test_the_model_does_not_know_the_messages():
+    """The model knows the messages' enums and no message; the results of questions alone are made of messages."""
+    for name, others in OWN.items():
+        if part(name) == "model" and name != "kbstore.model.results":
+            assert {other for other in others if part(other) == "messages"} <= {"kbstore.messages.enums"}, name
 
 
 @pytest.mark.parametrize("name", [name for name in MODULES if part(name) not in ("storage", "transfer")])
