@@ -7,24 +7,36 @@ from kbstore.clock import ManualClock
 from tests.docs.blocks import ROOT
 
 PAGE = (ROOT / "docs" / "semantics.md").read_text(encoding="utf-8")
-RULES = {
-    *(f"T{n}" for n in range(1, 6)),
-    *(f"V{n}" for n in range(1, 10)),
-    *(f"C{n}" for n in range(1, 13)),
-    *(f"D{n}" for n in range(1, 5)),
-    *(f"Q{n}" for n in range(1, 8)),
-    *(f"O{n}" for n in range(1, 5)),
-    *(f"P{n}" for n in range(1, 4)),
+COUNTS = {"T": 6, "V": 11, "C": 13, "L": 9, "D": 4, "Q": 9, "O": 8, "P": 7}
+"""How many rules each letter has; they are numbered from 1."""
+
+RULES = {f"{letter}{number}" for letter, count in COUNTS.items() for number in range(1, count + 1)}
+PENDING = {"T6", "V10", "V11", "C13", "Q8", "Q9", *(f"L{n}" for n in range(1, 10)), "O5", "O6", "O7", "O8"} | {
+    *(f"P{n}" for n in range(4, 8))
 }
+"""Rules whose code is on its way. One that is built leaves this set."""
+
+LETTERS = "".join(COUNTS)
 
 
 def test_every_rule_is_there_once():
     """Each rule begins a paragraph, with its number, in order within its section."""
     numbers = re.findall(r"^\*\*([A-Z]\d+)\.\*\*", PAGE, re.MULTILINE)
     assert sorted(numbers) == sorted(RULES)
-    for letter in "TVCDQOP":
+    for letter in LETTERS:
         own = [number for number in numbers if number.startswith(letter)]
         assert own == sorted(own, key=lambda number: int(number[1:]))
+
+
+def test_every_long_rule_has_an_example():
+    """A rule of more than three lines is followed by an example: a block, or a paragraph that says so."""
+    without = []
+    for rule in re.split(r"^(?=\*\*[A-Z]\d+\.\*\*)|^(?=## )", PAGE, flags=re.MULTILINE):
+        prose = re.sub(r"^```.*?^```$", "", rule, flags=re.MULTILINE | re.DOTALL)
+        long = len([line for line in prose.splitlines() if line.strip()]) > 3
+        if rule.startswith("**") and long and "```" not in rule and "*Example.*" not in rule:
+            without.append(rule[:8])
+    assert not without
 
 
 def test_every_rule_has_a_test_that_names_it():
@@ -33,13 +45,13 @@ def test_every_rule_has_a_test_that_names_it():
     for file in (ROOT / "tests").rglob("test_*.py"):
         if file.name != "test_semantics.py":
             for docstring in re.findall(r'"""(.*?)"""', file.read_text(encoding="utf-8"), re.DOTALL):
-                cited |= set(re.findall(r"\b[TVCDQOP]\d{1,2}\b", docstring))
-    assert cited >= RULES
-    assert not {rule for rule in cited if rule[0] in "TVCDQOP"} - RULES
+                cited |= set(re.findall(rf"\b[{LETTERS}]\d{{1,2}}\b", docstring))
+    assert cited >= RULES - PENDING
+    assert cited <= RULES
 
 
 def test_the_seven_expressions():
-    """What the original reckons wrongly comes out as the page says (V5)."""
+    """V5: what the original computes wrongly comes out as the page says."""
     row = next(line for line in PAGE.splitlines() if line.startswith("| reads `(- 5 3)`"))
     there, here = row.strip("|").split(" | ")
     expressions = re.findall(r"`([^`]+)`", there)
