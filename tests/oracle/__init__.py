@@ -5,6 +5,7 @@ what stands is a dictionary, what is scheduled is a dictionary, and time is walk
 the other. Items and answers are plain Python values with names in lower case.
 """
 
+from tests.oracle.corrections import Refused, Update
 from tests.oracle.items import (
     Comparison,
     Condition,
@@ -20,7 +21,6 @@ from tests.oracle.items import (
     Timeline,
 )
 from tests.oracle.memory import Answer, Change, Difference, Reference
-from tests.oracle.overlay import Refused, Update
 from tests.oracle.world import Unsettled
 
 __all__ = [

@@ -2,6 +2,7 @@
 
 import itertools
 from collections.abc import Iterator
+from dataclasses import replace
 
 from tests.oracle.items import (
     WILDCARD,
@@ -16,14 +17,15 @@ from tests.oracle.items import (
     Timeline,
     timeline,
 )
+from tests.oracle.late import FOREVER, Piece, Spans, merged
 from tests.oracle.world import World
-
-FOREVER = 2**63 - 1
-Spans = list[tuple[int, int]]
 
 
 class Draft:
-    """What stands and what is scheduled with the updates made so far, and the checks of further ones."""
+    """What has been, what stands and what is scheduled with the updates made so far, and the checks of further ones.
+
+    `past` has the pieces of each timeline up to now; what stands and began before now is the last of them, too.
+    """
 
     def __init__(self, world: World, now: int) -> None:
         world.advance(now)
@@ -34,8 +36,25 @@ class Draft:
             line: (told.item, told.start) for line, told in world.standing.items()
         }
         self.pending: dict[tuple[Timeline, int], Item] = {key: told.item for key, told in world.pending.items()}
+        self.past: dict[Timeline, list[Piece]] = {}
+        for told in sorted(world.told, key=lambda told: told.start):
+            if told.counts and told.start < now:
+                ended = (told.ended_by, told.end_cause) if told.ended_by else None
+                piece = Piece(told.start, told.end or now, told.item, told.first_told, ended)
+                self.past.setdefault(told.timeline, []).append(piece)
 
-    # -- the existence of objects from now on -----------------------------------------------------------------
+    def known(self, line: Timeline) -> list[Piece]:
+        """What is known of a timeline up to now, in order of time; what stands has no end."""
+        pieces = list(self.past.get(line, ()))
+        if line in self.standing:
+            item, start = self.standing[line]
+            if start < self.now:
+                pieces[-1] = replace(pieces[-1], end=FOREVER)
+            else:
+                pieces.append(Piece(start, FOREVER, item))
+        return pieces
+
+    # -- the existence of objects -----------------------------------------------------------------------------
 
     def _trajectory(self, name: object) -> list[tuple[int, Object]]:
         """What the timeline of an object says from now on, in order of time."""
@@ -44,42 +63,28 @@ class Draft:
         trajectory += [(at, item) for (found, at), item in self.pending.items() if found == line]
         return sorted(((at, item) for at, item in trajectory if isinstance(item, Object)), key=lambda entry: entry[0])
 
-    def lifetimes(self, name: object) -> Spans:
-        """The spans from now on in which an object exists; adjacent ones are one."""
+    def existences(self, name: object) -> list[tuple[int, int, str]]:
+        """The spans in which an object exists, with its type, from the first time to the last."""
+        past = [(p.start, p.end, p.item) for p in self.past.get(("state", "object", name), ())]
         trajectory = self._trajectory(name)
-        spans: Spans = []
-        for index, (start, item) in enumerate(trajectory):
-            end = trajectory[index + 1][0] if index + 1 < len(trajectory) else FOREVER
-            if item.positive and spans and spans[-1][1] == start:
-                spans[-1] = (spans[-1][0], end)
-            elif item.positive:
-                spans.append((start, end))
-        return spans
+        ends = [at for at, _ in trajectory[1:]] + [FOREVER]
+        found = past + [(start, end, item) for (start, item), end in zip(trajectory, ends, strict=False)]
+        return [(start, end, item.type) for start, end, item in found if isinstance(item, Object) and item.positive]
+
+    def lifetimes(self, name: object) -> Spans:
+        """The spans in which an object exists; adjacent ones are one."""
+        return merged([(start, end) for start, end, _ in self.existences(name)])
 
     def type_at(self, name: str, t: int) -> str | None:
-        """The type of an object at a time that is not before now (or just before it), None where it does not exist."""
+        """The type of an object at a time, None where it does not exist."""
         if self.domain and name in self.domain.constants:
             return self.domain.constants[name]
-        stood = [item for at, item in self._trajectory(name) if at <= max(t, self.now)]
-        return stood[-1].type if stood and stood[-1].positive else None
+        return next((type_name for start, end, type_name in self.existences(name) if start <= t < end), None)
 
     def types_meet(self, name: str) -> bool:
-        """Whether existences of different types overlap or touch, counting one that lasted until just now."""
-        line = ("state", "object", name)
-        trajectory = self._trajectory(name)
-        if trajectory and trajectory[0][0] == self.now:
-            until_now = [
-                told.item
-                for told in self.world.told
-                if told.timeline == line
-                and told.start < self.now
-                and told.end in (None, self.now)
-                and not told.cancelled_by
-            ]
-            trajectory = [(self.now, item) for item in until_now if isinstance(item, Object)] + trajectory
+        """Whether existences of different types overlap or touch."""
         return any(
-            one.positive and other.positive and one.type != other.type
-            for (_, one), (_, other) in itertools.pairwise(trajectory)
+            one[2] != other[2] and one[1] >= other[0] for one, other in itertools.pairwise(self.existences(name))
         )
 
     # -- what is valid ----------------------------------------------------------------------------------------

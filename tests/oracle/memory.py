@@ -3,9 +3,10 @@
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
-from tests.oracle.draft import FOREVER
+from tests.oracle.corrections import Refused, Update
 from tests.oracle.items import WILDCARD, Fact, Item, Number, Object, matches, timeline
-from tests.oracle.overlay import Overlay, Refused, Update
+from tests.oracle.late import FOREVER
+from tests.oracle.overlay import Overlay
 from tests.oracle.world import Told, Unsettled, World
 
 TOLERANCE = 1_000_000_000
@@ -51,18 +52,19 @@ class Difference:
     metric: tuple[str | None, str | None] | None
 
 
-Row = tuple[Item, int, int | None, int, int | None, int | None]
-"""One assertion of a history: item, initial time, end time, and the transactions that recorded, ended, cancelled it."""
+Row = tuple[Item, int, int | None, int, int | None, int | None, int | None]
+"""One assertion of a history: item, initial and end time; who told it first, ended, cancelled and superseded it."""
 
 
 @dataclass(frozen=True)
 class Change:
-    """One transaction of `changes`: what it asserted, ended at its own time, and cancelled."""
+    """One transaction of `changes`: what it asserted, ended at its own time, cancelled and superseded."""
 
     number: int
     asserted: frozenset[Placed]
     ended: frozenset[Placed]
     cancelled: frozenset[Placed]
+    superseded: frozenset[Placed] = frozenset()
 
 
 class Reference:
@@ -116,19 +118,21 @@ class Reference:
     def state(self, at: int, as_of: int = FOREVER, number: int = FOREVER, clock: int = 0) -> Answer:
         """The state at a time, as believed at the time `as_of`, or after the transaction `number` (rules Q1, Q2).
 
-        Nothing that is recorded after `at` can bear on it (rule T5), so that it need not be replayed. What runs is
-        expected to end as it was meant to, if that lies after the time of asking (rule O3).
+        What is scheduled and what runs then, and the domain, is what the transactions up to then said: late knowledge
+        does not bear on it. What runs is expected to end as it was meant to, if that lies after the time of asking
+        (rule O3).
         """
         asked = min(as_of, self.now(clock))
         if number <= self.latest.number:
             asked = self.events[number - 1].time
-        world = self.world(min(at, as_of), number)
-        expect(world, at, asked)
-        return answer(world, at)
+        then = self.world(min(at, as_of), number)
+        expect(then, at, asked)
+        latest = max((e.time for e in self.events if e.time <= as_of and e.number <= number), default=0)
+        return answer(then, at, self.world(as_of, number) if at < latest else then)
 
-    def history(self) -> list[Row]:
+    def history(self, number: int = FOREVER) -> list[Row]:
         """Every assertion about the state and the goals, in the order of its time, then of its recording (rule Q3)."""
-        world = self.world()
+        world = self.world(number=number)
         world.advance(FOREVER)
         return [_row(told) for told in sorted(world.told, key=lambda told: (told.start, told.recorded))]
 
@@ -143,9 +147,10 @@ class Reference:
                 frozenset(
                     (told.item, told.start)
                     for told in world.told
-                    if told.ended_by == event.number and told.end == event.time
+                    if told.ended_by == event.number and told.end == event.time and told.recorded <= event.number
                 ),
                 frozenset((told.item, told.start) for told in world.told if told.cancelled_by == event.number),
+                frozenset((told.item, told.start) for told in world.told if told.superseded_by == event.number),
             )
             for event in self.events
         ]
@@ -198,14 +203,14 @@ class Reference:
     def reason(self, fact: Fact, at: int) -> tuple[str, int | None]:
         """Why a fact holds or not at a time, with the number of the transaction that made it so (rule V6)."""
         assert WILDCARD not in fact.arguments
-        world = self.world(at)
+        world = self.world()
         world.advance(at)
         line = timeline("state", fact)
-        if line in world.standing:
-            told = world.standing[line]
-            assert isinstance(told.item, Fact)
-            return ("asserted" if told.item.positive else "explicitly false"), told.recorded
-        ended = [told for told in world.told if told.timeline == line and told.end is not None]
+        stands = [told for told in world.told if told.timeline == line and told.stands_at(at)]
+        if stands:
+            assert isinstance(stands[0].item, Fact)
+            return ("asserted" if stands[0].item.positive else "explicitly false"), stands[0].first_told
+        ended = [told for told in world.told if told.timeline == line and told.end is not None and told.end <= at]
         if not ended:
             return "never told", None
         last = max(ended, key=lambda told: (told.end or 0, told.start, told.recorded))
@@ -237,20 +242,25 @@ def expect(world: World, at: int, asked: int) -> None:
     world.advance(at)
 
 
-def answer(world: World, at: int) -> Answer:
-    """What a world says at a time: what stands then, and what is scheduled after it."""
-    world.advance(at)
+def answer(then: World, at: int, known: World | None = None) -> Answer:
+    """What a world says at a time: what stands then, and what is scheduled after it.
+
+    `known` is a later world, which may know of this time by late knowledge; then what stands is what it knows.
+    """
+    then.advance(at)
+    known = known or then
+    stands = [told for told in known.told if told.stands_at(at)]
 
     def standing(role: str, *kinds: str) -> frozenset[Placed]:
         return frozenset(
-            (_valued(world, told, at), told.start)
-            for line, told in world.standing.items()
-            if line[0] == role and (not kinds or line[1] in kinds)
+            (_valued(known, told, at), told.start)
+            for told in stands
+            if told.timeline[0] == role and (not kinds or told.timeline[1] in kinds)
         )
 
     metrics = standing("state", "metric")
     return Answer(
-        domain=world.domain.name if world.domain else None,
+        domain=then.domain.name if then.domain else None,
         instances=frozenset(
             (item, start) for item, start in standing("state", "object") if isinstance(item, Object) and item.positive
         ),
@@ -260,10 +270,10 @@ def answer(world: World, at: int) -> Answer:
         metric=next(iter(metrics), None),
         goals=standing("goal"),
         timed_knowledge=frozenset(
-            (told.item, start) for (line, start), told in world.pending.items() if line[0] == "state"
+            (told.item, start) for (line, start), told in then.pending.items() if line[0] == "state"
         ),
         running=frozenset(
-            (run.start.action.name, run.start.arguments, run.started, run.start.duration) for run in world.running
+            (run.start.action.name, run.start.arguments, run.started, run.start.duration) for run in then.running
         ),
     )
 
@@ -276,8 +286,8 @@ def _valued(world: World, told: Told, at: int) -> Item:
 
 def _row(told: Told) -> Row:
     if told.cancelled_by:
-        return told.item, told.start, told.start, told.recorded, None, told.cancelled_by
-    return told.item, told.start, told.end, told.recorded, told.ended_by, None
+        return told.item, told.start, told.start, told.recorded, None, told.cancelled_by, None
+    return told.item, told.start, told.end, told.first_told, told.ended_by, None, told.superseded_by
 
 
 def _positive(item: Item) -> bool:

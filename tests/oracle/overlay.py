@@ -1,9 +1,9 @@
 """One transaction: its updates in their order, on top of what is believed."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
-from tests.oracle.draft import FOREVER, Draft, Spans
+from tests.oracle.corrections import Corrections, Refused, Update
 from tests.oracle.items import (
     Comparison,
     Condition,
@@ -18,42 +18,15 @@ from tests.oracle.items import (
     matches,
     timeline,
 )
-from tests.oracle.world import Running, Told, Unsettled, World
+from tests.oracle.late import FOREVER, Spans, minus
+from tests.oracle.world import Running, Unsettled, World
 
 
-class Refused(Exception):
-    """The transaction is refused; `error` is the name of kbstore's error for it.
-
-    `first` is the name of the error for the first update that something is wrong with.
-    """
-
-    def __init__(self, error: str, why: str, first: str = "") -> None:
-        super().__init__(f"{error}: {why}")
-        self.error = error
-        self.first = first or error
-
-
-@dataclass(frozen=True)
-class Update:
-    """One update.
-
-    `what` is add, remove, add_goal, remove_goal, add_metric, remove_metric, clear, domain, start, end or abort.
-    """
-
-    what: str
-    item: Item | RefDomain | Start | None = None
-    at: int = 0
-
-
-class Overlay(Draft):
+class Overlay(Corrections):
     """What would be believed with the updates made so far; `finish` makes it so."""
 
     def __init__(self, world: World, now: int) -> None:
         super().__init__(world, now)
-        self.running: list[Running] = world.running
-        self.causes: dict[Timeline, str] = {}
-        self.violations: list[str] = []
-        self.failures: list[Refused] = []
         self.first_error = ""
 
     # -- updates ----------------------------------------------------------------------------------------------
@@ -68,6 +41,18 @@ class Overlay(Draft):
 
     def _apply(self, update: Update) -> None:
         at = update.at if update.at > self.now else self.now
+        if update.since is not None or update.until is not None:
+            wrong = self.wrong_span(update, at)
+            if wrong:
+                self.failures.append(Refused("InvalidTime", wrong))
+                return
+            assert update.since is not None
+            assert not isinstance(update.item, RefDomain | Start | None)
+            if update.since < self.now:
+                role = "goal" if update.what.endswith("goal") else "state"
+                late = self.add_late if update.what.startswith("add") else self.remove_late
+                late(role, update.item, update.since, update.until)
+                return
         match update.what, update.item:
             case "clear", None:
                 self.causes.update(dict.fromkeys(self.standing, "cleared"))
@@ -150,9 +135,11 @@ class Overlay(Draft):
             self.standing.pop(line, None)
             self.causes[line] = cause
         elif not (line in self.standing and self.world.same(*self.standing[line], item, at, at)):
-            self.standing[line] = (item, at)
+            last = self.past.get(line, [])[-1:]
+            again = last and last[0].end == at and self.world.same(last[0].item, last[0].start, item, at, at)
+            self.standing[line] = (last[0].item, last[0].start) if again else (item, at)
         if line[1] == "object":
-            self._lose(str(line[2]), _minus(before, self.lifetimes(line[2])))
+            self._lose(str(line[2]), minus(before, self.lifetimes(line[2])))
 
     def _lose(self, name: str, lost: Spans) -> None:
         """An object does not exist in these spans any more: nothing speaks of it until its next start (rule C9)."""
@@ -276,8 +263,8 @@ class Overlay(Draft):
 
         Another domain counts as one more, and so does what runs.
         """
-        changed = set[Timeline]()
         world = self.world
+        changed = {line for line in self.edited if self.finish_edited(line, number)}
         for line in dict.fromkeys([*world.standing, *self.standing]):
             before, after = world.standing.get(line), self.standing.get(line)
             if before and after and world.same(before.item, before.start, *after, self.now):
@@ -288,7 +275,7 @@ class Overlay(Draft):
                 before.end_cause = "replaced" if after else self.causes[line]
                 del world.standing[line]
             if after:
-                world.standing[line] = self._told(line, after[0], self.now, number)
+                world.standing[line] = self.record(line, after[0], self.now, number)
         for line, at in dict.fromkeys([*world.pending, *self.pending]):
             scheduled, wanted = world.pending.get((line, at)), self.pending.get((line, at))
             if scheduled and wanted and world.same(scheduled.item, at, wanted, at, at):
@@ -298,30 +285,13 @@ class Overlay(Draft):
                 scheduled.cancelled_by = number
                 del world.pending[line, at]
             if wanted:
-                world.pending[line, at] = self._told(line, wanted, at, number)
+                world.pending[line, at] = self.record(line, wanted, at, number)
         running = world.running
         for run in running:
             if run not in self.running:
                 run.ended = self.now
         world.runs += [run for run in self.running if run not in running]
         reloaded = self.domain != world.domain
-        world.domain = self.domain
+        if reloaded:
+            world.domains.append((self.now, self.domain))
         return len(changed) + reloaded + (running != self.running)
-
-    def _told(self, line: Timeline, item: Item, start: int, number: int) -> Told:
-        told = Told(line, item, start, number)
-        self.world.told.append(told)
-        return told
-
-
-def _minus(before: Spans, after: Spans) -> Spans:
-    """The parts of some spans that other spans do not cover."""
-    left = before
-    for start, end in after:
-        left = [
-            piece
-            for first, last in left
-            for piece in ((first, min(last, start)), (max(first, end), last))
-            if piece[0] < piece[1]
-        ]
-    return left

@@ -64,7 +64,7 @@ def test_belief_uses_only_what_was_recorded(kb):
     kb.write(40, [remove(LIT, at=50)])
     assert LIT in facts(kb, 55, as_of=35)
     assert LIT not in facts(kb, 55)
-    assert (LIT, 50, 50, 3, None, 4) in kb.history()
+    assert (LIT, 50, 50, 3, None, 4, None) in kb.history()
 
 
 def test_a_removed_object_takes_its_facts_with_it(kb):
@@ -81,9 +81,9 @@ def test_within_one_transaction_an_object_loses_its_facts_but_not_its_life(kb):
     """C1: removed and added again is no change of the object, but its facts are lost, unless told again."""
     assert kb.write(30, [remove(A), add(A), add(OPEN)]) == 1
     assert facts(kb, 30) == {OPEN}
-    assert (OPEN, 20, None, 2, None, None) in kb.history()
-    assert (NEAR, 20, 30, 2, 3, None) in kb.history()
-    assert [row for row in kb.history() if row[0] == A] == [(A, 20, None, 2, None, None)]
+    assert (OPEN, 20, None, 2, None, None, None) in kb.history()
+    assert (NEAR, 20, 30, 2, 3, None, None) in kb.history()
+    assert [row for row in kb.history() if row[0] == A] == [(A, 20, None, 2, None, None, None)]
 
 
 def test_a_scheduled_end_cuts_short_and_its_cancelling_restores(kb):

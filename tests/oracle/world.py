@@ -11,7 +11,10 @@ class Unsettled(Exception):
 
 @dataclass(eq=False)
 class Told:
-    """One assertion. `end` and its cause are None while nothing has ended it."""
+    """One assertion. `end` and its cause are None while nothing has ended it.
+
+    `first_told` is the transaction that told it first, where this is what late knowledge has left of an assertion.
+    """
 
     timeline: Timeline
     item: Item
@@ -21,6 +24,20 @@ class Told:
     ended_by: int | None = None
     end_cause: str = ""
     cancelled_by: int | None = None
+    superseded_by: int | None = None
+    first_told: int = 0
+
+    def __post_init__(self) -> None:
+        self.first_told = self.first_told or self.recorded
+
+    @property
+    def counts(self) -> bool:
+        """Whether it is part of what is known now, of some time (rules V1, L8)."""
+        return not self.cancelled_by and not self.superseded_by and self.end != self.start
+
+    def stands_at(self, t: int) -> bool:
+        """Whether it is what is known of a time that has come."""
+        return self.counts and self.start <= t and (self.end is None or t < self.end)
 
 
 @dataclass(eq=False)
@@ -55,9 +72,14 @@ class World:
     standing: dict[Timeline, Told] = field(default_factory=dict)
     pending: dict[tuple[Timeline, int], Told] = field(default_factory=dict)
     runs: list[Running] = field(default_factory=list)
-    domain: RefDomain | None = None
+    domains: list[tuple[int, RefDomain | None]] = field(default_factory=lambda: [(0, None)])
     use_unknowns: bool = False
     expecting: bool = False
+
+    @property
+    def domain(self) -> RefDomain | None:
+        """The domain that was loaded last."""
+        return self.domains[-1][1]
 
     @property
     def running(self) -> list[Running]:

@@ -130,6 +130,7 @@ def row(assertion):
         assertion.recorded.number,
         assertion.ended.number if assertion.ended else None,
         assertion.cancelled.number if assertion.cancelled else None,
+        None,
     )
 
 

@@ -119,6 +119,14 @@ again = st.tuples(st.sampled_from(["cancel", "cancel", "reschedule", "end", "rep
 steps = st.tuples(weighted((3, told), (1, again)), delays)
 """A step is what to do, and how far ahead; `again` points at something that is scheduled, or that stands."""
 
+late_steps = st.tuples(
+    steps,
+    st.integers(0, 40),
+    weighted((3, st.none()), (3, st.integers(1, 12))),
+    weighted((12, st.none()), (1, st.sampled_from([(1, None), (0, 1), (-3, -3), (None, -2)]))),
+)
+"""A step with where it begins among the moments of the past, how many moments later it ends, and wrong times."""
+
 wrong_steps = st.tuples(st.tuples(st.sampled_from(["add", "remove"]), mistakes), delays)
 
 ROLES = {"state": ("add", "remove"), "goal": ("add_goal", "remove_goal")}
@@ -141,6 +149,20 @@ def update(step, world: World, now: int) -> Update:
         line, item = standing[which % len(standing)]
         return Update(_method(line, item, what == "repeat"), item, at if what == "repeat" else 0)
     return Update(what, which, at)
+
+
+def late_update(late_step, world: World, now: int) -> Update:
+    """The update that a late step means in a world that has been advanced to now."""
+    step, where, length, wrong = late_step
+    found = update(step, world, now)
+    if wrong is not None:
+        since, until = (None if offset is None else max(0, now + offset) for offset in wrong)
+        return replace(found, since=since, until=until)
+    times = {told.start for told in world.told} | {told.end for told in world.told if told.end} | {now}
+    moments = sorted({max(0, t + side) for t in times for side in (-1, 0, 1) if t + side <= now})
+    place = where % len(moments)
+    until = None if length is None else moments[min(place + length, len(moments) - 1)]
+    return replace(found, at=0, since=moments[place], until=until)
 
 
 def _method(line, item, adding):
