@@ -5,6 +5,7 @@ import inspect
 import re
 from functools import cached_property
 from pathlib import Path
+from typing import Annotated, get_args, get_origin
 
 import kbstore
 from kbstore.evaluation.intervals import Intervals
@@ -80,12 +81,12 @@ def entry(name, thing):
     """One public name: its heading, its signature, what it is, and its members."""
     yield f"### {name}"
     if not inspect.isclass(thing):
-        if callable(thing):
+        if inspect.isfunction(thing):
             yield f"`{signature(f'kbstore.{name}', thing)}`"
             yield from described(thing)
         else:
-            members = getattr(thing, "__args__", ())
-            yield "One of " + ", ".join(f"`{member.__name__}`" for member in members) + "."
+            union = get_args(thing)[0] if get_origin(thing) is Annotated else thing
+            yield "One of " + ", ".join(f"`{member.__name__}`" for member in get_args(union)) + "."
         return
     yield from described(thing)
     if issubclass(thing, enum.Enum):

@@ -18,7 +18,8 @@ class KeyValue(Message):
     value: str = ""
 
     def __init__(self, key: str = "", value: str = "", **data: Any) -> None:
-        super().__init__(key=key, value=value, **data)
+        data.update(key=key, value=value)
+        super().__init__(**data)
 
 
 KNOWN_VALUES = 50_000
@@ -37,29 +38,28 @@ def _key_value(label: str, name: str) -> KeyValue:
 
 
 def _read_values(values: Any) -> Any:
-    """Labelled values from a mapping, KeyValues, objects with ``key`` and ``value``, or bare names."""
+    """Labelled values from a mapping, or from a list of whatever `_read_value` reads."""
     if isinstance(values, Mapping):
-        return tuple(KeyValue(key=label, value=name) for label, name in values.items())
-    if isinstance(values, str) or not isinstance(values, Iterable):
+        return tuple({"key": label, "value": name} for label, name in values.items())
+    if isinstance(values, str | bytes) or not isinstance(values, Iterable):
         raise InvalidKnowledge(
             f"values are {{label: name}}, a list of KeyValue, or a list of names, not {values!r:.80}"
         )
-    return tuple(_read_value(value) for value in values)
+    return tuple(values)
 
 
-def _read_value(value: Any) -> KeyValue:
-    if isinstance(value, KeyValue):
-        return value
+def _read_value(value: Any) -> Any:
+    """One labelled value from a bare name; a KeyValue, and what has its fields, is left to the model."""
     if isinstance(value, str):
         return KeyValue.trusted(key="", value=value)
-    if isinstance(value, Mapping):
-        return KeyValue(**value)
-    if hasattr(value, "key") and hasattr(value, "value"):
-        return KeyValue(key=value.key, value=value.value)
+    if isinstance(value, KeyValue | Mapping) or (hasattr(value, "key") and hasattr(value, "value")):
+        return value
     raise InvalidKnowledge(f"a value is a name, a KeyValue or {{'key': label, 'value': name}}, not {value!r:.80}")
 
 
-Values = Annotated[tuple[KeyValue, ...], BeforeValidator(_read_values), AS_LIST]
+Values = Annotated[
+    tuple[Annotated[KeyValue, BeforeValidator(_read_value)], ...], BeforeValidator(_read_values), AS_LIST
+]
 """Arguments with their labels; labels are empty where only names were given."""
 
 

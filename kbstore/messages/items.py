@@ -1,15 +1,14 @@
 """The KnowledgeItem in its five types, and the condition that no item can carry."""
 
-import math
 from abc import abstractmethod
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, field_validator
+from pydantic import BeforeValidator, Field, TypeAdapter, ValidationError, field_validator, model_validator
 
 from kbstore.clock import time
 from kbstore.errors import InvalidKnowledge
-from kbstore.messages.base import Message, format_number, lazy
+from kbstore.messages.base import Message, format_number, lazy, typed_error
 from kbstore.messages.enums import AssignOp, KnowledgeType
 from kbstore.messages.formulas import DomainInequality, ExprComposite, Values
 from kbstore.names import key
@@ -21,6 +20,17 @@ Time = Annotated[int, BeforeValidator(lambda value: 0 if value is None else time
 class _Item(Message):
     initial_time: Time = 0
     is_negative: bool = False
+
+    @model_validator(mode="before")
+    @classmethod
+    def _read_whole_message(cls, data: Any) -> Any:
+        """Read a whole KnowledgeItem message: it has the fields of all five types, and those of the others are ignored.
+
+        A mapping without `knowledge_type` has been written for this model, so that any other field is a mistake.
+        """
+        if isinstance(data, Mapping) and "knowledge_type" in data:
+            return {name: value for name, value in data.items() if name not in _FIELDS or name in cls.model_fields}
+        return data
 
     @property
     @abstractmethod
@@ -89,9 +99,10 @@ class Function(_Attribute):
 
     @field_validator("function_value", "rate", mode="before")
     @classmethod
-    def _finite(cls, value: Any) -> Any:
-        if isinstance(value, bool) or (isinstance(value, float) and not math.isfinite(value)):
-            raise InvalidKnowledge(f"{value!r} is not a value for a numeric function; give a finite number")
+    def _number(cls, value: Any) -> Any:
+        # a message may carry NaN, as a float64 does; what is stored may not (rule C7), which is decided there
+        if isinstance(value, bool):
+            raise InvalidKnowledge(f"{value!r} is not a value for a numeric function; give a number")
         return value
 
     @property
@@ -156,13 +167,16 @@ class Condition(Message):
         return self.text
 
 
-KnowledgeItem = Instance | Fact | Function | Expression | Inequality
-"""A piece of what is known."""
+KnowledgeItem = Annotated[
+    Instance | Fact | Function | Expression | Inequality,
+    Field(discriminator="knowledge_type", description="A piece of knowledge, in one of five types."),
+]
+"""A piece of knowledge, told apart by its `knowledge_type`."""
 
 Goal = Fact | Inequality | Condition
 """A part of the goal (rule C10)."""
 
-_MODELS: dict[int, type[KnowledgeItem]] = {
+_MODELS: dict[int, type[Message]] = {
     KnowledgeType.INSTANCE: Instance,
     KnowledgeType.FACT: Fact,
     KnowledgeType.FUNCTION: Function,
@@ -170,24 +184,21 @@ _MODELS: dict[int, type[KnowledgeItem]] = {
     KnowledgeType.INEQUALITY: Inequality,
 }
 _FIELDS = frozenset(name for model in _MODELS.values() for name in model.model_fields)
+_ADAPTER: TypeAdapter[KnowledgeItem] = TypeAdapter(KnowledgeItem)
 
 
 def from_message(message: object) -> KnowledgeItem:
-    """The item from a mapping in the shape of the ROS message, or from an object with its attributes.
+    """Return the item of a mapping in the shape of the ROS message, or of an object with its attributes.
 
-    Fields of other knowledge types are ignored, as a ROS message always has them all; a field that no KnowledgeItem
-    has is refused, and so is a message without `knowledge_type`.
+    Raises `InvalidKnowledge` with one sentence for each wrong field, and for a message without a `knowledge_type`;
+    `InvalidTime` for an `initial_time` that is not a time.
     """
-    if isinstance(message, Mapping):
-        fields = dict(message)
-        unknown = fields.keys() - _FIELDS
-        if unknown:
-            raise InvalidKnowledge(f"a KnowledgeItem has no field {', '.join(sorted(map(repr, unknown)))}")
-    else:
-        fields = {name: getattr(message, name) for name in _FIELDS if hasattr(message, name)}
-    number = fields.pop("knowledge_type", None)
-    model = None if isinstance(number, bool) or not hasattr(number, "__index__") else _MODELS.get(int(number))
-    if model is None:
-        expected = ", ".join(f"{kind.name} {kind.value}" for kind in KnowledgeType)
-        raise InvalidKnowledge(f"{message!r:.80} is not a KnowledgeItem: its knowledge_type is one of {expected}")
-    return model(**{name: value for name, value in fields.items() if name in model.model_fields})
+    try:
+        return _ADAPTER.validate_python(message)
+    except ValidationError as error:
+        first = error.errors(include_url=False, include_context=False, include_input=False)[0]
+        if first["loc"]:
+            name = _MODELS[int(first["loc"][0])].__name__
+            raise typed_error(name, error, depth=1) from None
+    expected = ", ".join(f"{kind.name} {kind.value}" for kind in KnowledgeType)
+    raise InvalidKnowledge(f"{message!r:.80} is not a KnowledgeItem: its knowledge_type is one of {expected}")

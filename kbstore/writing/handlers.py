@@ -123,6 +123,9 @@ class Handlers:
     def _add_function(self, item: Function, t: int) -> Violations:
         if item.function_value is None:
             return [f"{item}: a value is expected, as: (= {item.atom} 80)"]
+        if not (math.isfinite(item.function_value) and math.isfinite(item.rate)):
+            wrong = item.rate if math.isfinite(item.function_value) else item.function_value
+            return [f"{item.atom}: {wrong!r} is not a value for a numeric function; give a finite number"]
         if item.is_negative:
             return [f"{item}: a function's value cannot be negated; remove it, or assign another value"]
         track = self._atoms.of(item, KnowledgeType.FUNCTION, Role.STATE, t)
