@@ -15,7 +15,6 @@ from typing import Any, Self, cast
 from kbstore.clock import Clock, ManualClock, SystemClock, isoformat, time
 from kbstore.conversion import MessageDomain
 from kbstore.errors import Conflict, InvalidKnowledge, InvalidTime, StoreUnavailable, UnknownSymbol
-from kbstore.evaluation import conditions
 from kbstore.evaluation.intervals import Intervals
 from kbstore.messages import Expression, Fact, Function, Goal, Instance, KnowledgeItem, Truth, UpdateType
 from kbstore.model.results import (
@@ -31,18 +30,18 @@ from kbstore.model.results import (
 )
 from kbstore.names import key
 from kbstore.pddl.writer import write_domain
+from kbstore.reading.answers import Answers
 from kbstore.reading.difference import difference
 from kbstore.reading.explanation import Explainer
 from kbstore.reading.history import History
-from kbstore.reading.point_queries import PointQueries
-from kbstore.reading.questions import Question, as_condition, as_expression
+from kbstore.reading.questions import Question
 from kbstore.reading.reader import Reader
-from kbstore.reading.state import State, value_in
+from kbstore.reading.state import State
 from kbstore.reading.trajectory import when_true
 from kbstore.reading.watching import Watch
 from kbstore.storage import queries
 from kbstore.storage.database import Database
-from kbstore.storage.repository import LogPosition, TimelineCache
+from kbstore.storage.repository import TimelineCache
 from kbstore.transfer import archive
 from kbstore.transfer.archive import Archived
 from kbstore.transfer.rows import Progress, is_archive
@@ -96,7 +95,7 @@ class KnowledgeBase:
         )
         self._history = History(self._reader)
         self._explainer = Explainer(self._reader, self._history)
-        self._points = PointQueries(self._reader, caching=cache)
+        self._answers = Answers(self._reader, self._clock, caching=cache)
         self._writing = threading.local()
         self._tolerance = tolerance
 
@@ -126,7 +125,7 @@ class KnowledgeBase:
     def now(self) -> int:
         """Now: the clock's time, or the latest recorded one if the clock is behind it (rule T3)."""
         with self._reader.repository() as repository:
-            return self._reader.now(repository.head())
+            return self._reader.resolver.now(repository.head())
 
     # -- writing ----------------------------------------------------------------------------------------------
 
@@ -288,49 +287,22 @@ class KnowledgeBase:
     def state(self, at: object = None, as_of: object = None) -> State:
         """Everything that stood at a time; with `as_of` (a time or a `Transaction`), as it was believed then."""
         with self._reader.repository() as repository:
-            return self._reader.state(repository, self._reader.place(repository, at, as_of), as_of)
+            return self._reader.state(repository, self._reader.resolver.resolve(repository, at, as_of))
 
     def truth(self, question: Question, at: object = None, as_of: object = None) -> Truth:
         """The truth value of a fact or condition at a time."""
-        if as_of is None:
-            found = self._points.truth(question, at)
-            if found is not None:
-                return found
-        return self._truth(question, at, as_of)
-
-    def _truth(self, question: Question, at: object, as_of: object) -> Truth:
-        with self._reader.repository() as repository:
-            place = self._reader.place(repository, at, as_of)
-            world = self._reader.world(repository, place)
-            if world is None:
-                return self._reader.state(repository, place, as_of).truth(question)
-            symbols = self._reader.symbol_table(repository, place.head, LogPosition(place.at))
-            return conditions.truth(as_condition(question, symbols), world)
+        return self._answers.truth(question, at, as_of)
 
     def holds(self, question: Question, at: object = None, as_of: object = None) -> bool:
         """Whether a fact or condition is true at a time."""
-        if as_of is None:
-            found = self._points.truth(question, at)
-            if found is not None:
-                return found is Truth.TRUE
-        return self._truth(question, at, as_of) is Truth.TRUE
+        return self._answers.truth(question, at, as_of) is Truth.TRUE
 
     def value(self, question: Question, at: object = None, as_of: object = None) -> float:
         """The value of a numeric function or expression at a time.
 
         Raises `UndefinedFunction` or `DivisionByZero` where it has none.
         """
-        if as_of is None:
-            found = self._points.number(question, at)
-            if found is not None:
-                return found
-        with self._reader.repository() as repository:
-            place = self._reader.place(repository, at, as_of)
-            world = self._reader.world(repository, place)
-            if world is None:
-                return self._reader.state(repository, place, as_of).value(question)
-            symbols = self._reader.symbol_table(repository, place.head, LogPosition(place.at))
-            return value_in(world, as_expression(question, symbols))
+        return self._answers.value(question, at, as_of)
 
     def explain(self, question: Question, at: object = None, as_of: object = None) -> Explanation:
         """Why a fact or condition is true, false or unknown at a time, and the transaction that made it so."""
@@ -399,8 +371,8 @@ class KnowledgeBase:
     def domain(self) -> MessageDomain:
         """The domain now. Raises `UnknownSymbol` if none has been loaded."""
         with self._reader.repository() as repository:
-            head = repository.head()
-            domain = self._reader.symbol_table(repository, head, LogPosition(max(head.time, self._clock.now()))).domain
+            point = self._reader.resolver.resolve(repository)
+            domain = self._reader.domains.in_force(repository, point.head, point.position).domain
         if domain is None:
             raise UnknownSymbol(f"{self.name} has no domain; load one: kb.load('domain.pddl')")
         return cast("MessageDomain", domain)
@@ -433,13 +405,15 @@ class KnowledgeBase:
         first, last = time(since), time(until)
         if last < first:
             raise InvalidTime(f"until ({isoformat(last)}) is before since ({isoformat(first)}); give them in order")
-        return when_true(self._reader, self._history, condition, first, last)
+        with self._reader.repository() as repository:
+            return when_true(self._reader, self._history, repository, condition, first, last)
 
     def diff(self, t1: object, t2: object) -> Diff:
         """What became true, became false, was withdrawn, and which numbers changed, from `t1` to `t2` (rule Q5)."""
         with self._reader.repository() as repository:
-            before = self._reader.state(repository, self._reader.place(repository, t1))
-            after = self._reader.state(repository, self._reader.place(repository, t2))
+            before, after = (
+                self._reader.state(repository, self._reader.resolver.resolve(repository, at)) for at in (t1, t2)
+            )
         return difference(before, after)
 
     def changes(self, after: int | Change | Transaction = 0) -> Iterator[Change]:

@@ -69,8 +69,8 @@ def check(
                 _check_object(left, known)
                 _check_object(right, known)
             case Comparison():
-                _check_expression(node.left, domain, known, duration)
-                _check_expression(node.right, domain, known, duration)
+                check_expression(node.left, domain, known, duration=duration)
+                check_expression(node.right, domain, known, duration=duration)
             case Defined(function):
                 _check_arity(function, domain.function_signature(function.name) if domain else None)
             case IsA(_, type_name):
@@ -114,9 +114,16 @@ def _check_object(argument: str, known: Bindings) -> None:
         )
 
 
-def _check_expression(
-    expression: NumericExpression, domain: Domain | None, known: Bindings, duration: float | None
+def check_expression(
+    expression: NumericExpression,
+    domain: Domain | None,
+    bindings: Mapping[str, str] = {},
+    *,
+    duration: float | None = None,
 ) -> None:
+    """Refuse an expression that has no meaning; arguments and errors are those of `check`."""
+    known = keyed(bindings)
+
     def check_token(token: Token) -> None:
         if isinstance(token, Atom):
             _check_arity(token, domain.function_signature(token.name) if domain else None)

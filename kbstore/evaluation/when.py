@@ -45,24 +45,22 @@ from kbstore.names import is_wildcard, key
 def intervals(
     condition: Formula, trajectory: Trajectory, bindings: Mapping[str, str] = {}, *, duration: float | None = None
 ) -> Intervals:
-    """The maximal half-open intervals within the course's span in which a condition is true.
+    """Return the maximal half-open intervals within the trajectory's span in which a condition is true.
 
-    Raises what `truths` raises.
+    The condition has been checked (`kbstore.evaluation.wellformed.check`); symbols that the trajectory's domain does
+    not know say nothing (rule D4). Raises `InvalidKnowledge` and `NotLinear` as `truths` does.
     """
-    pieces = truths(condition, trajectory, bindings, duration=duration)
-    return Intervals((start, end) for start, end, truth in pieces if truth is Truth.TRUE)
-
-
-def unchecked_intervals(condition: Formula, trajectory: Trajectory) -> Intervals:
-    """The same where the domain does not know all of the symbols, which say nothing then (rule D4)."""
-    pieces = signals.pieces(SignalEvaluator(trajectory).of(condition, {}), trajectory.span)
+    if trajectory.span[0] >= trajectory.span[1]:
+        return Intervals()
+    signal = SignalEvaluator(trajectory, duration=duration).of(condition, keyed(bindings))
+    pieces = signals.pieces(signal, trajectory.span)
     return Intervals((start, end) for start, end, truth in pieces if truth is Truth.TRUE)
 
 
 def truths(
     condition: Formula, trajectory: Trajectory, bindings: Mapping[str, str] = {}, *, duration: float | None = None
 ) -> list[tuple[int, int, Truth]]:
-    """The truth of a condition throughout the course's span, as maximal pieces in order.
+    """Return the truth of a condition throughout the trajectory's span, as maximal pieces in order.
 
     Raises:
         UnknownSymbol: a predicate, function or type that the domain does not know.

@@ -14,10 +14,9 @@ from kbstore.names import is_wildcard, key
 from kbstore.pddl.printer import condition_text
 from kbstore.planning.simulator import Event
 from kbstore.reading.history import History
-from kbstore.reading.questions import Question, as_condition
+from kbstore.reading.questions import Question
 from kbstore.reading.reader import Reader
 from kbstore.reading.state import State
-from kbstore.reading.state_cache import TemporalPoint
 from kbstore.reading.trajectory import since_when
 from kbstore.storage.repository import LogPosition, RecordedAssertion, Repository
 
@@ -45,9 +44,9 @@ class Explainer:
         with self._reader.repository() as repository:
             head = repository.head()
             for asked in (state.at, state.at if state.belief is None else state.belief.time):
-                self._reader.refuse_archived(asked, head)
-            condition = as_condition(question, SymbolTable(state.domain))
-            return self._condition(repository, state, condition)
+                self._reader.resolver.refuse_archived(asked, head)
+            prepared = self._reader.questions.condition(question, SymbolTable(state.domain))
+            return self._condition(repository, state, prepared.formula)
 
     def _condition(self, repository: Repository, state: State, condition: formulas.Formula) -> Explanation:
         truth = conditions.truth(condition, state.snapshot)
@@ -132,7 +131,7 @@ class Explainer:
                 since = transaction = None
             elif turned is not None and since is not None and turned < since:
                 # what decides it now was told later; it was the same by what was told before
-                first = self._reader.state(repository, self._reader.place(repository, turned))
+                first = self._reader.state(repository, self._reader.resolver.resolve(repository, turned))
                 since, transaction = turned, self._condition(repository, first, condition).transaction
             elif turned is not None and turned != since:
                 since, transaction = turned, self._transaction_of(repository, turned) or transaction
@@ -167,10 +166,10 @@ class Explainer:
     def _expected(self, repository: Repository, state: State, identity: Identity) -> Event | None:
         """The last change of a timeline that is reckoned and not stored, for a time after the belief (rule O3)."""
         head = repository.head()
-        belief = state.belief or LogPosition(self._reader.now(head))
+        belief = state.belief or LogPosition(self._reader.resolver.now(head))
         if state.at <= belief.time or not self._reader.running(repository, belief, head):
             return None
-        believed = self._reader.state(repository, TemporalPoint(belief.time, belief, head, is_past_belief=True))
+        believed = self._reader.state(repository, self._reader.resolver.at_position(head, belief))
         events = believed.projection().advance(state.at)
         return next((event for event in reversed(list(events)) if event.timeline.identity == identity), None)
 
@@ -190,7 +189,7 @@ class Explainer:
         head = repository.head()
         if not known and head.history_from:
             # a timeline is kept for good; what stood on it may have been archived
-            raise self._reader.archived(f"what there was of ({timeline.spelling})", head)
+            raise self._reader.resolver.archived(f"what there was of ({timeline.spelling})", head)
         return sorted(known, key=lambda row: (row.initial_time, row.recorded))
 
     def _believed(

@@ -4,7 +4,7 @@ from collections import defaultdict
 from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
 
-from kbstore.clock import OPEN, time
+from kbstore.clock import OPEN
 from kbstore.errors import InvalidKnowledge, UnknownSymbol
 from kbstore.evaluation.snapshot import is_of
 from kbstore.messages import Condition, Expression, Fact, Function, Inequality, Instance, KnowledgeItem, KnowledgeType
@@ -18,6 +18,7 @@ from kbstore.reading.item_factory import ItemFactory
 from kbstore.reading.mentions import mentions
 from kbstore.reading.questions import as_item
 from kbstore.reading.reader import Reader
+from kbstore.reading.resolver import TemporalPoint
 from kbstore.storage.repository import Head, LogPosition, RecordedAssertion, Repository
 
 BATCH = 256
@@ -51,13 +52,9 @@ class History:
 
     def assertions(self, pattern: object, since: object = None, until: object = None) -> list[Assertion]:
         """The assertions that match a pattern and overlap ``[since, until)``, in order of time (rule Q3)."""
-        first = 0 if since is None else time(since)
-        last = OPEN if until is None else time(until)
         with self._reader.repository() as repository:
-            head = repository.head()
-            for asked in (first, first if until is None else max(first, last - 1)):
-                self._reader.refuse_archived(asked, head)
-            symbol_table = self._symbols(repository, head, pattern, last)
+            first, last, now = self._reader.resolver.resolve_span(repository, since, until)
+            symbol_table = self._symbols(repository, now, pattern, last)
             found = self._matching(repository, as_item(pattern, symbol_table), symbol_table)
             rows = [
                 row
@@ -80,11 +77,11 @@ class History:
             rows += repository.history(kind, [timeline], repository.latest_start(timeline, first), until)
         return rows
 
-    def _symbols(self, repository: Repository, head: Head, pattern: object, until: int) -> SymbolTable:
+    def _symbols(self, repository: Repository, now: TemporalPoint, pattern: object, until: int) -> SymbolTable:
         """The latest vocabulary that knows the pattern's symbol (rule D4)."""
-        versions = [version for version in self._reader.versions(repository, head) if version.time < until]
+        versions = [v for v in self._reader.domains.all(repository, now.head) if v.time < until]
         if not versions:
-            return self._reader.symbol_table(repository, head, LogPosition(head.time))
+            return self._reader.symbol_table(repository, now.head, now.position)
         refusal: UnknownSymbol | None = None
         for version in reversed(versions):
             symbol_table = SymbolTable(version.domain)
@@ -243,7 +240,7 @@ class History:
         if following is None or following.number != after + 1 or following.time < head.history_from:
             first = repository.first_transaction_from(head.history_from)
             advice = "" if first is None else f" (changes that are kept follow transaction {first - 1})"
-            raise self._reader.archived(f"what followed transaction {after}{advice}", head)
+            raise self._reader.resolver.archived(f"what followed transaction {after}{advice}", head)
 
     # -- what the clock brings about --------------------------------------------------------------------------
 
@@ -251,7 +248,7 @@ class History:
         self, repository: Repository, head: Head, last: Transaction, after: int, upto: int
     ) -> list[Change]:
         """What took effect by the clock alone after a time and up to another, by time; `last` was before it."""
-        self._reader.refuse_archived(after + 1, head)
+        self._reader.resolver.refuse_archived(after + 1, head)
         due: dict[int, list[RecordedAssertion]] = defaultdict(list)
         for row in repository.due_between(after, upto):
             due[row.initial_time].append(row)

@@ -4,12 +4,10 @@ from collections.abc import Callable
 from functools import cached_property
 from typing import TYPE_CHECKING, TypeVar, cast
 
+from kbstore.caches import LRU, STATE_ANSWERS
 from kbstore.conversion import MessageDomain
 from kbstore.errors import KbStoreError
-from kbstore.evaluation import conditions, expressions
-from kbstore.evaluation.interpretation import Interpretation
 from kbstore.messages import (
-    ComparisonType,
     Condition,
     Expression,
     Fact,
@@ -21,28 +19,21 @@ from kbstore.messages import (
     KnowledgeType,
     Truth,
 )
-from kbstore.model import formulas
-from kbstore.model.expressions import NumericExpression
 from kbstore.model.results import QueryResult, Run
 from kbstore.model.symbols import SymbolTable
 from kbstore.model.timelines import Identity, Role
 from kbstore.pddl.writer import write_problem
 from kbstore.planning.simulator import Mentions, Simulator
 from kbstore.reading.item_factory import ItemFactory
-from kbstore.reading.questions import Question, as_condition, as_expression, as_item
-from kbstore.reading.state_cache import StateData
+from kbstore.reading.prepared import PreparedQuestions
+from kbstore.reading.questions import Question, as_item
+from kbstore.reading.state_data import StateData
 from kbstore.storage.repository import LogPosition
 
 if TYPE_CHECKING:
     from kbstore.model.results import Explanation
 
 _Kind = TypeVar("_Kind")
-
-
-def value_in(world: Interpretation, expression: NumericExpression) -> float:
-    """The value of an expression, after its symbols have been checked (rules V5, V8)."""
-    conditions.check(formulas.Comparison(ComparisonType.EQUALS, expression, expression), world.domain)
-    return expressions.evaluate(expression, world)
 
 
 def _asked(question: Question, symbol_table: SymbolTable) -> KnowledgeItem | Condition:
@@ -66,23 +57,26 @@ class State:
 
     def __init__(
         self,
-        picture: StateData,
+        data: StateData,
         *,
         belief: LogPosition | None,
         name: str,
         symbol_table: SymbolTable,
+        questions: PreparedQuestions,
         mentions: Mentions,
         explainer: "Callable[[State, Question], Explanation]",
     ) -> None:
-        self.snapshot = picture.snapshot
+        self.snapshot = data.snapshot
         """What conditions are evaluated against."""
         self.at = self.snapshot.time
         self.as_of = None if belief is None else belief.time
         self.belief = belief
         self.name = name
-        self._pending = picture.pending
-        self._running = picture.running
+        self._pending = data.pending
+        self._running = data.running
         self._symbols = symbol_table
+        self._questions = questions
+        self._answers: LRU[str, Truth] = LRU(STATE_ANSWERS if questions.caching else 0)
         self._mentions = mentions
         self._explainer = explainer
         self._reader = ItemFactory(symbol_table)
@@ -174,8 +168,13 @@ class State:
 
     def truth(self, question: Question) -> Truth:
         """The truth value of a fact or condition: TRUE, FALSE or UNKNOWN (rules V2 to V9)."""
-        condition = as_condition(question, self._symbols)
-        return conditions.truth(condition, self.snapshot)
+        known = self._answers.get(question) if type(question) is str else None
+        if known is not None:
+            return known
+        found = self._questions.condition(question, self._symbols).evaluate(self.snapshot)
+        if type(question) is str:
+            self._answers.put(question, found)
+        return found
 
     def holds(self, question: Question) -> bool:
         """Whether a fact or condition is true."""
@@ -186,7 +185,7 @@ class State:
 
         Raises `UndefinedFunction` or `DivisionByZero` where it has none.
         """
-        return value_in(self.snapshot, as_expression(question, self._symbols))
+        return self._questions.expression(question, self._symbols).evaluate(self.snapshot)
 
     def explain(self, question: Question) -> "Explanation":
         """Why a fact or condition is true, false or unknown, and the transaction that made it so."""

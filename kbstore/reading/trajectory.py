@@ -4,7 +4,8 @@ Only the timelines that a condition reads are read, from the assertion that stan
 """
 
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from functools import cached_property
 
 from kbstore.clock import OPEN, SECOND
@@ -13,7 +14,7 @@ from kbstore.evaluation.interpretation import Arguments, Number, Span
 from kbstore.evaluation.intervals import Intervals, merged
 from kbstore.evaluation.snapshot import is_of
 from kbstore.evaluation.wellformed import check
-from kbstore.evaluation.when import intervals, unchecked_intervals
+from kbstore.evaluation.when import intervals
 from kbstore.messages import KnowledgeType, Truth
 from kbstore.model.domain import Domain
 from kbstore.model.formulas import Formula, Not
@@ -23,9 +24,9 @@ from kbstore.names import key
 from kbstore.pddl.printer import condition_text
 from kbstore.planning.simulator import Event
 from kbstore.reading.history import History
-from kbstore.reading.questions import Question, as_condition
+from kbstore.reading.questions import Question
 from kbstore.reading.reader import Reader
-from kbstore.reading.state_cache import TemporalPoint
+from kbstore.reading.resolver import TemporalPoint
 from kbstore.storage.repository import RecordedAssertion, Repository
 
 Piece = tuple[int, int, Value, int]
@@ -43,7 +44,7 @@ class StoredTrajectory:
         reader: Reader,
         history: History,
         repository: Repository,
-        place: TemporalPoint,
+        now: TemporalPoint,
         span: Span,
         domain: Domain | None,
     ) -> None:
@@ -53,7 +54,7 @@ class StoredTrajectory:
         self._reader = reader
         self._history = history
         self._repository = repository
-        self._place = place
+        self._point = now
         self._pieces: dict[Identity, list[Piece]] = {}
 
     # -- the course -------------------------------------------------------------------------------------------
@@ -156,7 +157,7 @@ class StoredTrajectory:
     def _with_expected(self, identity: Identity) -> list[Piece]:
         """The pieces of a timeline; where something runs, after now those that are expected."""
         stored = self._pieces.get(identity, [])
-        now = self._place.belief.time
+        now = self._point.system_time.time
         if not self._projects:
             return stored
         start, end = self.span
@@ -176,9 +177,9 @@ class StoredTrajectory:
 
     @cached_property
     def _projects(self) -> bool:
-        now = self._place.belief.time
+        now = self._point.system_time.time
         return self.span[1] > now + 1 and bool(
-            self._reader.running(self._repository, self._place.belief, self._place.head)
+            self._reader.running(self._repository, self._point.system_time, self._point.head)
         )
 
     @cached_property
@@ -186,37 +187,30 @@ class StoredTrajectory:
         """What is expected to change after now, by timeline."""
         found: dict[Identity, list[Event]] = defaultdict(list)
         if self._projects:
-            state = self._reader.state(self._repository, self._place)
+            state = self._reader.state(self._repository, self._point)
             for event in state.projection().advance(self.span[1]):
                 found[event.timeline.identity].append(event)
         return found
 
 
-def when_true(reader: Reader, history: History, condition: Question, first: int, last: int) -> Intervals:
-    """The maximal intervals in ``[first, last)`` in which a condition is true (rule Q4).
+def when_true(
+    reader: Reader, history: History, repository: Repository, condition: Question, since: int, until: int
+) -> Intervals:
+    """Return the maximal intervals in ``[since, until)`` in which a condition is true (rule Q4).
 
     Each version of the domain counts for its part of the span; a symbol must be known to one of them (rule D4), and
     says nothing where it is not.
     """
-    with reader.repository() as repository:
-        return _when_true(reader, history, repository, condition, first, last)
-
-
-def _when_true(
-    reader: Reader, history: History, repository: Repository, condition: Question, first: int, last: int
-) -> Intervals:
     found: list[Span] = []
-    place = reader.place(repository)
-    for asked in (first, max(first, last - 1)):
-        reader.refuse_archived(asked, place.head)
-    parts = list(_symbol_tables(reader, repository, place, first, last))
-    formula = _formula(condition, [symbol_table for _, _, symbol_table in parts])
+    first, last, now = reader.resolver.resolve_span(repository, since, until)
+    parts = list(reader.domains.within(repository, now.head, first, last))
+    formula, checked = _formula(reader, condition, [symbol_table for _, _, symbol_table in parts])
     for start, end, symbol_table in parts:
-        trajectory = StoredTrajectory(reader, history, repository, place, (start, end), symbol_table.domain)
-        try:
-            found += intervals(formula, trajectory)
-        except UnknownSymbol:
-            found += unchecked_intervals(formula, trajectory)
+        if symbol_table.domain is not checked:
+            with suppress(UnknownSymbol):
+                check(formula, symbol_table.domain)
+        trajectory = StoredTrajectory(reader, history, repository, now, (start, end), symbol_table.domain)
+        found += intervals(formula, trajectory)
     return merged(found)
 
 
@@ -242,7 +236,7 @@ def since_when(
             return since
         if first == begin:
             if begin:
-                raise reader.archived(f"since when {condition_text(condition)} is {truth.name.lower()}", head)
+                raise reader.resolver.archived(f"since when {condition_text(condition)} is {truth.name.lower()}", head)
             return 0
         length *= 32
 
@@ -254,7 +248,7 @@ def _since_within(
     first, at = span[0], span[1] - 1
 
     def true_in(condition: Formula) -> Intervals:
-        return _when_true(reader, history, repository, condition, *span)
+        return when_true(reader, history, repository, condition, *span)
 
     if truth is Truth.UNKNOWN:
         known = [*true_in(condition), *true_in(Not(condition))]
@@ -264,35 +258,20 @@ def _since_within(
     return same[-1][0] if same and same[-1][1] > at else at
 
 
-def _formula(condition: Question, symbol_tables: Sequence[SymbolTable]) -> Formula:
-    """The condition as the latest version of the domain reads it that knows its symbols."""
+def _formula(
+    reader: Reader, condition: Question, symbol_tables: Sequence[SymbolTable]
+) -> tuple[Formula, Domain | None]:
+    """The condition as the latest version of the domain reads it that knows its symbols, and that domain."""
     # before the first domain everything can be said, which does not make a symbol known
     declared = [symbol_table for symbol_table in symbol_tables if symbol_table.domain is not None]
     refusal: UnknownSymbol | None = None
     for symbol_table in reversed(declared or symbol_tables):
         try:
-            formula = as_condition(condition, symbol_table)
-            check(formula, symbol_table.domain)
+            return reader.questions.condition(condition, symbol_table).formula, symbol_table.domain
         except UnknownSymbol as error:
             refusal = refusal or error
-        else:
-            return formula
     assert refusal is not None
     raise refusal
-
-
-def _symbol_tables(
-    reader: Reader, repository: Repository, place: TemporalPoint, first: int, last: int
-) -> Iterator[tuple[int, int, SymbolTable]]:
-    """The versions of the domain in a span, each with its part of the span."""
-    bare = SymbolTable(None, reader.shapes(repository))
-    versions = reader.versions(repository, place.head)
-    starts = [(0, bare), *((version.time, SymbolTable(version.domain)) for version in versions)]
-    for index, (since, symbol_table) in enumerate(starts):
-        until = starts[index + 1][0] if index + 1 < len(starts) else last
-        start, end = max(first, since), min(last, until)
-        if start < end or (first == last and index + 1 == len(starts)):
-            yield start, end, symbol_table
 
 
 def _is_of_symbol(identity: Identity, name: str) -> bool:

@@ -52,7 +52,7 @@ class Watch:
         with self._reader.repository() as repository:
             head = repository.head()
             if after is None:
-                number, seen = head.number, self._reader.now(head)
+                number, seen = head.number, self._reader.resolver.now(head)
             else:
                 number, seen = after, -1
             rows = self._history.transactions(repository, [number])
@@ -69,7 +69,7 @@ class Watch:
             found.append(change)
             last, seen = change.transaction, max(seen, change.transaction.time)
         if last.number == head.number:
-            now = self._reader.now(head)
+            now = self._reader.resolver.now(head)
             found += self._by_clock(repository, last, seen, now)
             seen = max(seen, now)
         return found, seen
@@ -81,7 +81,7 @@ class Watch:
 
     def _symbols(self, repository: Repository) -> SymbolTable:
         head = repository.head()
-        return self._reader.symbol_table(repository, head, LogPosition(self._reader.now(head)))
+        return self._reader.symbol_table(repository, head, LogPosition(self._reader.resolver.now(head)))
 
     def _matching(self, change: Change, symbol_table: SymbolTable) -> Change | None:
         def kept(assertions: list[Assertion]) -> list[Assertion]:

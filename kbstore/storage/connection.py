@@ -10,6 +10,7 @@ from typing import Any, Final
 
 import sqlalchemy
 
+from kbstore.caches import ANSWERS, LRU
 from kbstore.errors import StoreUnavailable
 from kbstore.storage.statements import Lookup, Statement
 
@@ -29,26 +30,18 @@ _LOCK_NOT_AVAILABLE: Final = "55P03"
 
 
 class AnswerCache:
-    """What has been answered since the last commit, by whoever answers it.
+    """What has been answered about now since the last commit: truths and values, by question."""
 
-    Attributes:
-        truths: by question.
-        numbers: by question.
-        points: by what the questions are about.
-    """
-
-    __slots__ = ("numbers", "points", "truths")
+    __slots__ = ("truths", "values")
 
     def __init__(self) -> None:
-        self.truths: dict[Any, Any] = {}
-        self.numbers: dict[Any, Any] = {}
-        self.points: dict[Any, Any] = {}
+        self.truths: LRU[Any, Any] = LRU(ANSWERS)
+        self.values: LRU[Any, Any] = LRU(ANSWERS)
 
     def clear(self) -> None:
         """Forget everything."""
         self.truths.clear()
-        self.numbers.clear()
-        self.points.clear()
+        self.values.clear()
 
 
 class StoreConnection:

@@ -229,7 +229,7 @@ class AssertionQueries:
         """For each timeline the latest row that is not after :t, ended or not, and all that lie ahead of :t."""
 
         self.point = Lookup(
-            "SELECT k.last_time, k.history_from, k.domain_version, k.last_run,"
+            "SELECT k.last_number, k.last_time, k.history_from, k.domain_version, k.last_run,"
             f" f.end_time, f.initial_time, {', '.join('f.' + column for column in value.split(', '))}"
             f" FROM knowledge_bases k LEFT JOIN {table} f ON f.id = (SELECT g.id FROM {table} g"
             " WHERE g.kb_id = :kb AND g.timeline_id = :timeline AND g.initial_time <= :t"
@@ -238,7 +238,7 @@ class AssertionQueries:
             "timeline",
             "t",
         )
-        """Of the head of the knowledge base what matters, and the latest row of one timeline that is not after :t."""
+        """The head of the knowledge base, and the latest row of one timeline that is not after :t."""
 
         self.next_start = Statement(
             f"SELECT initial_time FROM {table} WHERE {kb} AND timeline_id = :timeline AND initial_time > :t"

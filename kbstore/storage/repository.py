@@ -5,6 +5,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property
 from typing import Any, NamedTuple
 
+from kbstore.caches import LRU, TIMELINES
+from kbstore.clock import OPEN
 from kbstore.messages import KnowledgeType
 from kbstore.model.timelines import Role, Timeline, Value, stored_key
 from kbstore.storage import queries
@@ -13,8 +15,6 @@ from kbstore.storage.interval_tree import path, ranges
 
 StateRow = tuple[Timeline, int, Value]
 """An assertion that stands, or is pending: its timeline, since when (or from when), and what."""
-
-_CACHED_TIMELINES = 200_000
 
 
 class Head(NamedTuple):
@@ -61,6 +61,15 @@ class RecordedAssertion(NamedTuple):
     value: Value
 
 
+class StoredPoint(NamedTuple):
+    """What holds on one timeline at a time, and the head as it was then; `value` is None where nothing holds."""
+
+    head: Head
+    initial_time: int
+    end_time: int
+    value: Value | None
+
+
 class Present(NamedTuple):
     """Whether a knowledge base has any assertions of a knowledge type, and any that were scheduled."""
 
@@ -81,22 +90,16 @@ class RunRow(NamedTuple):
 
 
 class TimelineCache:
-    """The timelines that this process has seen: they never change, so a row needs only their number.
+    """The timelines that this process has seen: they never change, so a row needs only their number."""
 
-    Bounded, so that a knowledge base in which things come and go for years does not fill the memory.
-    """
-
-    def __init__(self) -> None:
-        self.by_id: dict[int, Timeline] = {}
-        self.by_key: dict[tuple[Role, KnowledgeType], dict[str, Timeline]] = defaultdict(dict)
+    def __init__(self, bound: int = TIMELINES) -> None:
+        self.by_id: LRU[int, Timeline] = LRU(bound)
+        self.by_key: dict[tuple[Role, KnowledgeType], LRU[str, Timeline]] = defaultdict(lambda: LRU(bound))
 
     def put(self, timeline: Timeline) -> None:
         """Remember a timeline that is committed."""
-        if len(self.by_id) >= _CACHED_TIMELINES:
-            self.by_id.clear()
-            self.by_key.clear()
-        self.by_id[timeline.id] = timeline
-        self.by_key[timeline.role, timeline.kind][timeline.key] = timeline
+        self.by_id.put(timeline.id, timeline)
+        self.by_key[timeline.role, timeline.kind].put(timeline.key, timeline)
 
 
 class Repository:
@@ -147,14 +150,12 @@ class Repository:
 
     def timelines(self, ids: Iterable[int]) -> Mapping[int, Timeline]:
         """Timelines by number; those that the cache has not are read at once."""
-        known = self._cache.by_id
-        missing = [id for id in set(ids) if id not in known]
+        wanted = {id: timeline for id in set(ids) if (timeline := self._cache.by_id.find(id)) is not None}
+        missing = [id for id in set(ids) if id not in wanted]
         if not missing:
-            return known
+            return wanted
         parameters = {"kb": self._kb, "ids": self._session.array(missing)}
         rows = self._session.all(queries.timelines_by_id, parameters)
-        # the cache may be emptied when it is full, so what was asked for is kept apart
-        wanted = {id: known[id] for id in set(ids) if id in known}
         for row in rows:
             wanted[row[0]] = self._remember(row)
         return wanted
@@ -171,7 +172,7 @@ class Repository:
         found: dict[str, Timeline] = {}
         missing = []
         for key in keys:
-            timeline = by_key.get(key)
+            timeline = by_key.get(key) or by_key.find(key)
             if timeline is None:
                 # no name that is stored has control characters, and no database takes all of them
                 if key.isprintable():
@@ -215,7 +216,7 @@ class Repository:
         return [self._remember(row) for row in unique.values()]
 
     def _remember(self, row: SqlRow) -> Timeline:
-        timeline = self._cache.by_id.get(row[0])
+        timeline = self._cache.by_id.find(row[0])
         if timeline is None:
             id, role, kind, key, spelling = row
             timeline = Timeline(id, role, kind, key if spelling is None else spelling.lower(), spelling)
@@ -232,12 +233,20 @@ class Repository:
         statement = statements.standing if position.number is None else statements.standing_as_of
         return self._standing(kind, self._session.all(statement, self._place(position)))
 
-    def value_at(self, timeline: Timeline, t: int) -> StateRow | None:
-        """The assertion that stands on one timeline at a time."""
-        row = self._session.look_up(queries.for_kind[timeline.kind].point, self._kb, timeline.id, t)
-        if row is None or row[4] is None or row[4] <= t:
-            return None
-        return timeline, row[5], row[6:]
+    def value_at(self, kind: KnowledgeType, timeline: Timeline | None, t: int) -> StoredPoint:
+        """What holds on one timeline at a time, with the head: one statement. No timeline says nothing."""
+        row = self._session.look_up(queries.for_kind[kind].point, self._kb, 0 if timeline is None else timeline.id, t)
+        assert row is not None
+        head, end, initial_time = Head._make(row[:5]), row[5], row[6]
+        if end is None or end <= t:
+            return StoredPoint(head, 0, OPEN, None)
+        return StoredPoint(head, initial_time, end, row[7:])
+
+    def next_start(self, timeline: Timeline, t: int) -> int:
+        """When the next assertion on a timeline begins after a time; `OPEN` if none is scheduled."""
+        parameters = {"kb": self._kb, "timeline": timeline.id, "t": t}
+        row = self._session.first(queries.for_kind[timeline.kind].next_start, parameters)
+        return OPEN if row is None else int(row[0])
 
     def scheduled_at(self, kind: KnowledgeType, position: LogPosition) -> list[StateRow]:
         """What was scheduled at a place in the record, and takes effect after it."""

@@ -6,8 +6,8 @@ from contextlib import AbstractContextManager, ExitStack, nullcontext
 from types import TracebackType
 from typing import Self
 
-from kbstore.clock import isoformat, time
-from kbstore.errors import ClockWentBackwards, Conflict, InvalidKnowledge, KbStoreError
+from kbstore.clock import time
+from kbstore.errors import Conflict, InvalidKnowledge, KbStoreError
 from kbstore.evaluation.snapshot import Snapshot, StateRow
 from kbstore.messages import Condition, KnowledgeItem, KnowledgeType, UpdateType
 from kbstore.messages.bulk import gc_paused
@@ -21,7 +21,7 @@ from kbstore.reading.mentions import mentions
 from kbstore.reading.questions import Question
 from kbstore.reading.reader import Reader
 from kbstore.reading.state import State
-from kbstore.reading.state_cache import StateData
+from kbstore.reading.state_data import StateData
 from kbstore.storage.connection import StoreConnection
 from kbstore.storage.repository import LogPosition, Repository
 from kbstore.writing.action_executor import ActionExecutor
@@ -86,7 +86,7 @@ class OpenTransaction:
                 f"transaction {self._head.number} has been committed, but nothing after {self._expect} was expected; "
                 "read the state again, and decide anew"
             )
-        self.now = self._read_clock()
+        self.now = reader.resolver.now_for_writing(self._head, self._tolerance)
         self._number = self._head.number + 1
         stored = reader.symbol_table(self._repository, self._head, LogPosition(self.now))
         self._symbols = SymbolTable(stored.domain, dict(stored.shapes))
@@ -105,18 +105,6 @@ class OpenTransaction:
             self._repository,
             symbol_table if self._validate else SymbolTable(None, {}),
             self._executor.abort_with,
-        )
-
-    def _read_clock(self) -> int:
-        """Now, which never runs backwards (rule T3)."""
-        now, latest = time(self._reader.clock.now()), self._head.time
-        if now >= latest:
-            return now
-        if latest - now <= self._tolerance:
-            return latest
-        raise ClockWentBackwards(
-            f"the clock says {isoformat(now)}, but {self._reader.name} has a transaction of {isoformat(latest)}; "
-            "set the clock, or give a run that begins anew (a simulation at 0) a knowledge base name of its own"
         )
 
     def __exit__(

@@ -223,6 +223,8 @@ def test_bindings_and_duration() -> None:
     assert when.intervals(longer, trajectory, duration=4.0) == [(0, 50)]
     with pytest.raises(InvalidKnowledge, match=r"\?duration"):
         when.intervals(longer, trajectory)
+    with pytest.raises(InvalidKnowledge, match=r"\?duration"):
+        when.truths(longer, trajectory)
 
 
 def test_questions_are_checked_and_an_empty_span_has_no_intervals() -> None:
@@ -231,7 +233,7 @@ def test_questions_are_checked_and_an_empty_span_has_no_intervals() -> None:
     assert when.intervals(FREE, trajectory) == []
     assert isinstance(when.intervals(FREE, trajectory), Intervals)
     with pytest.raises(UnknownSymbol, match="no predicate flies"):
-        when.intervals(Or((Truism(), Atom("flies"))), trajectory)
+        when.truths(Or((Truism(), Atom("flies"))), trajectory)
 
 
 def test_v8_derived_predicates_over_time() -> None:

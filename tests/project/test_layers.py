@@ -13,7 +13,7 @@ LAYERS = (
     ("clock", "names"),
     ("messages",),
     ("model",),
-    ("conversion", "evaluation"),
+    ("caches", "conversion", "evaluation"),
     ("pddl",),
     ("planning", "interop"),
     ("storage",),

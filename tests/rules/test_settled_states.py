@@ -3,12 +3,7 @@
 import random
 
 import kbstore
-from kbstore import KnowledgeType
 from kbstore.clock import seconds
-from kbstore.evaluation.snapshot import Snapshot
-from kbstore.model.timelines import Timeline
-from kbstore.reading import state_cache
-from kbstore.reading.state_cache import StateCache, StateData
 from tests.conftest import DOMAIN, OBJECTS, START
 
 LONGER = DOMAIN.replace("(raining)", "(raining) (foggy)")
@@ -86,25 +81,6 @@ def test_the_latest_moment_is_not_settled(kb, clock):
     assert not kb.state(at=now).holds("(open wp1)")
     assert kb.add("(open wp1)").time == now == clock.now()
     assert kb.state(at=now).holds("(open wp1)")
-
-
-def picture(t, size):
-    """A picture with so many assertions."""
-    rows = [(Timeline(n, 0, KnowledgeType.FACT, f"p o{n}", None), t, (False,)) for n in range(size)]
-    return StateData(Snapshot(t, rows, None, False), [], [])
-
-
-def test_an_album_keeps_what_was_asked_for_last(monkeypatch):
-    """It has room for so many assertions; those go that nobody asked for in the longest time."""
-    monkeypatch.setattr(state_cache, "_KEPT", 30)
-    album = StateCache()
-    for t in (1, 2):
-        album.put(t, picture(t, 9))
-    assert album.find(1) is not None
-    album.put(3, picture(3, 14))
-    assert [t for t in (1, 2, 3) if album.find(t) is not None] == [1, 3]
-    album.put(4, picture(4, 31))
-    assert [t for t in (1, 3, 4) if album.find(t) is not None] == [1, 3]
 
 
 def test_a_state_that_is_kept_is_not_read_again(tmp_path):

@@ -1,0 +1,136 @@
+"""Answers to single questions: remembered, or read from one timeline, or evaluated on the state.
+
+An answer about now is remembered for the connection that gave it, until somebody commits or the clock reaches the time
+at which one of the parts of the question changes. Otherwise a question that one timeline decides takes one statement,
+and any other is evaluated on as much of the state as it reads (`kbstore.reading.lazy_state`).
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple, cast
+
+from kbstore.caches import LRU
+from kbstore.clock import OPEN, Clock, time
+from kbstore.evaluation.interpretation import Number
+from kbstore.messages import Truth
+from kbstore.model.symbols import SymbolTable
+from kbstore.model.timelines import Role, Value
+from kbstore.reading.lazy_state import LazyState
+from kbstore.reading.prepared import PreparedCondition, PreparedExpression, question_key
+from kbstore.reading.questions import Question
+from kbstore.reading.reader import Reader
+from kbstore.storage.connection import StoreConnection
+from kbstore.storage.repository import Repository
+
+_Prepared = PreparedCondition | PreparedExpression
+
+_Answer = Truth | float | Number
+"""A truth value, a number that stands still, or one that moves."""
+
+_Found = tuple[int, int, _Answer]
+"""An answer, and the span of time in which it is right if nobody commits: ``since <= t < until``."""
+
+
+class _Form(NamedTuple):
+    """The questions of one form: what has been prepared of them, how one is, and which answers are remembered."""
+
+    prepared: LRU[Any, Any]
+    prepare: Callable[[Question, SymbolTable], _Prepared]
+    remembered: str
+
+
+class Answers:
+    """Answers questions about one knowledge base; without `caching`, remembers nothing."""
+
+    def __init__(self, reader: Reader, clock: Clock, *, caching: bool) -> None:
+        questions = reader.questions
+        self._reader = reader
+        self._database = reader.database
+        self._resolver = reader.resolver
+        self._domains = reader.domains
+        self._clock = clock
+        self._remembers = caching and reader.database.can_remember
+        self._conditions = _Form(questions.conditions, questions.condition, "truths")
+        self._expressions = _Form(questions.expressions, questions.expression, "values")
+
+    def truth(self, question: Question, at: object = None, as_of: object = None) -> Truth:
+        """The truth value of a condition at a time, as of another."""
+        return cast("Truth", self._ask(self._conditions, question, at, as_of))
+
+    def value(self, question: Question, at: object = None, as_of: object = None) -> float:
+        """The value of an expression at a time, as of another.
+
+        Raises `UndefinedFunction` or `DivisionByZero` where it has none.
+        """
+        return cast("float", self._ask(self._expressions, question, at, as_of))
+
+    def _ask(self, form: _Form, question: Question, at: object, as_of: object) -> Truth | float:
+        name = question if type(question) is str else question_key(question)
+        connection = self._database.checkout()
+        try:
+            answers = None
+            if self._remembers and at is None and as_of is None and not connection.in_transaction:
+                answers = getattr(connection.memory(), form.remembered)
+                known: _Found | None = answers.get(name)
+                if known is not None:
+                    since, until, answer = known
+                    if since <= (now := self._clock.now()) < until:
+                        return answer.at(now) if type(answer) is Number else answer  # type: ignore[return-value]
+            found = None
+            if as_of is None:
+                prepared = form.prepared.get((self._domains.latest.domain, name))
+                if prepared is not None and prepared.key is not None:
+                    found = self._from_timeline(connection, prepared, at, look_ahead=answers is not None)
+            if found is None:
+                found = self._from_state(form, question, at, as_of)
+            since, until, answer = found
+            if answers is not None and name is not None and since < until:
+                answers.put(name, found)
+            return answer.at(since) if type(answer) is Number else answer  # type: ignore[return-value]
+        finally:
+            self._database.checkin(connection)
+
+    def _from_timeline(
+        self, connection: StoreConnection, prepared: _Prepared, at: object, *, look_ahead: bool
+    ) -> _Found | None:
+        """The answer by what holds on a single timeline; None where that cannot be told by one statement."""
+        repository = Repository(connection, self._reader.kb, self._reader.cache)
+        timeline = prepared.timeline
+        if timeline is None:
+            assert prepared.key is not None
+            found = repository.find(Role.STATE, prepared.kind, [prepared.key])
+            timeline = prepared.timeline = found.get(prepared.key)
+        t = self._resolver.read_clock() if at is None else at if type(at) is int else time(at)
+        head, initial_time, end_time, value = repository.value_at(prepared.kind, timeline, t)
+        if at is None and head.time > t:
+            # a caller always sees what it wrote, also where the clock is behind (rule T3)
+            t = head.time
+            head, initial_time, end_time, value = repository.value_at(prepared.kind, timeline, t)
+        version = self._domains.latest
+        if not self._resolver.is_stored(head, t) or head.domain_version != version.version or t < version.time:
+            return None
+        answer = _by_timeline(prepared, value, initial_time)
+        if answer is None:
+            return None
+        if value is None and look_ahead:
+            end_time = OPEN if timeline is None else repository.next_start(timeline, t)
+        return t, end_time, answer
+
+    def _from_state(self, form: _Form, question: Question, at: object, as_of: object) -> _Found:
+        """The answer by an evaluation, on as much of the state as that reads."""
+        reader = self._reader
+        with reader.repository() as repository:
+            point = self._resolver.resolve(repository, at, as_of)
+            symbols = reader.symbol_table(repository, point.head, point.position)
+            world = reader.world(repository, point, symbols.domain)
+            answer = form.prepare(question, symbols).evaluate(world)
+            until = world.until if isinstance(world, LazyState) else point.valid_time
+            return point.valid_time, until, answer
+
+
+def _by_timeline(prepared: _Prepared, value: Value | None, initial_time: int) -> _Answer | None:
+    """What the value on a timeline answers; None for a number that there is not."""
+    if isinstance(prepared, PreparedCondition):
+        return prepared.if_absent if value is None else prepared.if_denied if value[0] else prepared.if_asserted
+    if value is None:
+        return None
+    return Number(value[1], value[3], initial_time) if value[3] else cast("float", value[1])

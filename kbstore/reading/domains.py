@@ -1,0 +1,85 @@
+"""The versions of a knowledge base's domain, and the symbols that are known at a position in the log (rule D4)."""
+
+import json
+import threading
+from collections.abc import Iterator
+from typing import NamedTuple
+
+from kbstore.messages import KnowledgeType
+from kbstore.model.domain import Domain
+from kbstore.model.symbols import InferredSignature, SymbolTable
+from kbstore.pddl.domain_reader import read_domain
+from kbstore.storage.repository import Head, LogPosition, Repository
+
+
+class DomainVersion(NamedTuple):
+    """A version of the domain, in force from `time` on; version 0 is that before the first domain."""
+
+    version: int = 0
+    time: int = 0
+    transaction: int = 0
+    domain: Domain | None = None
+
+
+class DomainVersions:
+    """The domain of one knowledge base. With `caching` a version is read once: it never changes."""
+
+    def __init__(self, *, caching: bool = True) -> None:
+        self.latest = DomainVersion()
+        """The latest version that has been read."""
+        self._caching = caching
+        self._known: list[DomainVersion] = []
+        self._loading = threading.Lock()
+
+    def all(self, repository: Repository, head: Head) -> list[DomainVersion]:
+        """All versions of the domain, in order."""
+        known = self._known
+        if len(known) < head.domain_version:
+            with self._loading:
+                known = list(self._known)
+                for version, since, number, source, sensed in repository.domain_versions(len(known)):
+                    domain = read_domain(source).marked(json.loads(sensed))
+                    known.append(DomainVersion(version, since, number, domain))
+                self.latest = known[-1]
+                if self._caching:
+                    self._known = known
+        return known[: head.domain_version]
+
+    def in_force(self, repository: Repository, head: Head, position: LogPosition) -> DomainVersion:
+        """The version in force at a position in the log."""
+        found = DomainVersion()
+        for version in self.all(repository, head):
+            if version.time <= position.time and (position.number is None or version.transaction <= position.number):
+                found = version
+        return found
+
+    def symbol_table(self, repository: Repository, head: Head, position: LogPosition) -> SymbolTable:
+        """The symbols known at a position in the log: the domain's, or without one those that have been used."""
+        domain = self.in_force(repository, head, position).domain
+        return SymbolTable(domain) if domain is not None else self.inferred(repository)
+
+    def inferred(self, repository: Repository) -> SymbolTable:
+        """The symbols of a knowledge base without a domain (rule D2)."""
+        return SymbolTable(
+            None,
+            {
+                (KnowledgeType(kind), name_key): InferredSignature(
+                    name, arity, tuple(labels.split()) if labels else None
+                )
+                for kind, name_key, name, arity, labels in repository.symbols()
+            },
+        )
+
+    def within(
+        self, repository: Repository, head: Head, first: int, last: int
+    ) -> Iterator[tuple[int, int, SymbolTable]]:
+        """The versions that are in force within a span, each with its part of the span."""
+        versions = self.all(repository, head)
+        has_undeclared = not versions or first < versions[0].time
+        starts = [(0, self.inferred(repository) if has_undeclared else SymbolTable())]
+        starts += [(version.time, SymbolTable(version.domain)) for version in versions]
+        for index, (since, symbol_table) in enumerate(starts):
+            until = starts[index + 1][0] if index + 1 < len(starts) else last
+            start, end = max(first, since), min(last, until)
+            if start < end or (first == last and index + 1 == len(starts)):
+                yield start, end, symbol_table

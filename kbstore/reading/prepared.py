@@ -1,0 +1,183 @@
+"""Prepared questions: read, checked and compiled once for each version of the domain."""
+
+from collections.abc import Hashable, Iterable, Iterator
+from typing import Protocol, get_args
+
+from kbstore.caches import LRU, QUESTIONS
+from kbstore.evaluation import expressions
+from kbstore.evaluation.evaluator import Evaluation
+from kbstore.evaluation.interpretation import Interpretation
+from kbstore.evaluation.snapshot import StateRow
+from kbstore.evaluation.wellformed import check, check_expression
+from kbstore.messages import Condition, Fact, Function, KnowledgeType, Truth
+from kbstore.model.domain import Domain
+from kbstore.model.expressions import NumericExpression, atoms_of
+from kbstore.model.formulas import Atom, Comparison, Defined, Formula, Not, children
+from kbstore.model.symbols import SymbolTable
+from kbstore.model.timelines import Timeline, atom_key
+from kbstore.names import is_wildcard, key
+from kbstore.reading.questions import Question, as_condition, as_expression
+
+_FORMULAS = get_args(Formula)
+
+
+class World(Interpretation, Protocol):
+    """An interpretation whose timelines can be looked at."""
+
+    def row(self, kind: KnowledgeType, name: str) -> StateRow | None:
+        """The assertion that holds on a timeline of the state."""
+
+
+class PreparedCondition:
+    """A condition; where one timeline decides it (`key` is not None), by what holds on that.
+
+    Attributes:
+        kind, key: of the timeline.
+        timeline: that timeline, once it has been found.
+        if_asserted, if_denied, if_absent: the truth where it asserts something, explicitly denies it, says nothing.
+    """
+
+    __slots__ = ("formula", "if_absent", "if_asserted", "if_denied", "key", "kind", "timeline")
+
+    def __init__(self, formula: Formula, domain: Domain | None, *, use_unknowns: bool) -> None:
+        self.formula = formula
+        self.timeline: Timeline | None = None
+        part = formula.part if isinstance(formula, Not) else formula
+        absent = Truth.FALSE
+        self.key: str | None = None
+        self.kind = KnowledgeType.FACT
+        if isinstance(part, Defined):
+            self.kind = KnowledgeType.FUNCTION
+            self.key = _ground_key(part.function)
+        elif isinstance(part, Atom) and not (domain and domain.is_derived(part.name)):
+            self.key = _ground_key(part)
+            absent = Truth.UNKNOWN if use_unknowns else Truth.FALSE
+        outcomes = Truth.TRUE, Truth.FALSE, absent
+        if part is not formula:
+            outcomes = ~outcomes[0], ~outcomes[1], ~outcomes[2]
+        self.if_asserted, self.if_denied, self.if_absent = outcomes
+
+    def evaluate(self, world: World) -> Truth:
+        """The truth in a world."""
+        if self.key is None:
+            return Evaluation(world).evaluate(self.formula, {})
+        row = world.row(self.kind, self.key)
+        return self.if_absent if row is None else self.if_denied if row[2][0] else self.if_asserted
+
+
+class PreparedExpression:
+    """A numeric expression; where it is a single function (`key` is not None), the value on one timeline.
+
+    Attributes:
+        kind, key: of the timeline.
+        timeline: that timeline, once it has been found.
+    """
+
+    __slots__ = ("expression", "key", "timeline")
+
+    kind = KnowledgeType.FUNCTION
+
+    def __init__(self, expression: NumericExpression) -> None:
+        self.expression = expression
+        self.timeline: Timeline | None = None
+        only = expression[0] if len(expression) == 1 else None
+        self.key = _ground_key(only) if isinstance(only, Atom) else None
+
+    def evaluate(self, world: World) -> float:
+        """The value in a world. Raises `UndefinedFunction` or `DivisionByZero` where it has none."""
+        return expressions.evaluate(self.expression, world)
+
+
+class PreparedQuestions:
+    """Prepares the questions asked of one knowledge base, and keeps them for the next time (`kbstore.caches`).
+
+    Attributes:
+        conditions, expressions: by domain and question (see `question_key`).
+        caching: Whether they are kept.
+    """
+
+    def __init__(self, *, use_unknowns: bool, caching: bool = True) -> None:
+        self.caching = caching
+        bound = QUESTIONS if caching else 0
+        self.conditions: LRU[tuple[Domain | None, Hashable], PreparedCondition] = LRU(bound)
+        self.expressions: LRU[tuple[Domain | None, Hashable], PreparedExpression] = LRU(bound)
+        self._use_unknowns = use_unknowns
+
+    def condition(self, question: Question, symbols: SymbolTable) -> PreparedCondition:
+        """Prepare a condition. Raises what `kbstore.reading.questions.as_condition` raises, and `check`."""
+        name = question_key(question)
+        prepared = None if name is None else self.conditions.find((symbols.domain, name))
+        if prepared is None:
+            formula = as_condition(question, symbols)
+            check(formula, symbols.domain)
+            prepared = PreparedCondition(formula, symbols.domain, use_unknowns=self._use_unknowns)
+            # without a domain, "(f a)" would mean a predicate f as soon as there is one
+            is_ambiguous = symbols.domain is None and isinstance(question, str) and isinstance(formula, Defined)
+            if name is not None and not is_ambiguous and _is_lasting(question, symbols, _atoms(formula)):
+                self.conditions.put((symbols.domain, name), prepared)
+        return prepared
+
+    def expression(self, question: Question, symbols: SymbolTable) -> PreparedExpression:
+        """Prepare an expression. Raises what `kbstore.reading.questions.as_expression` raises, and `check`."""
+        name = question_key(question)
+        prepared = None if name is None else self.expressions.find((symbols.domain, name))
+        if prepared is None:
+            expression = as_expression(question, symbols)
+            check_expression(expression, symbols.domain)
+            prepared = PreparedExpression(expression)
+            atoms = ((KnowledgeType.FUNCTION, atom) for atom in atoms_of(expression))
+            if name is not None and _is_lasting(question, symbols, atoms):
+                self.expressions.put((symbols.domain, name), prepared)
+        return prepared
+
+
+def question_key(question: Question) -> Hashable | None:
+    """What a question is found by: equal for questions that ask the same; None if it is not worth finding."""
+    if isinstance(question, str):
+        return question
+    if isinstance(question, Fact | Function):
+        value = question.function_value if isinstance(question, Function) else None
+        return question.knowledge_type, question.key, question.is_negative, question.labels, value
+    if isinstance(question, Condition):
+        return Condition, question.text
+    if isinstance(question, (*_FORMULAS, tuple)):
+        try:
+            hash(question)
+        except TypeError:
+            return None
+        return question
+    return None
+
+
+def _is_lasting(question: Question, symbols: SymbolTable, atoms: Iterable[tuple[KnowledgeType, Atom]]) -> bool:
+    """Whether a question means the same whatever symbols are used for the first time from now on (rule D2)."""
+    if symbols.domain is not None:
+        return True
+    if isinstance(question, Fact | Function) and any(question.labels):
+        shape = symbols.shapes.get((question.knowledge_type, question.key[0]))
+        if shape is None or shape.labels is None:
+            return False
+    return all((kind, key(atom.name)) in symbols.shapes for kind, atom in atoms)
+
+
+def _atoms(formula: Formula) -> Iterator[tuple[KnowledgeType, Atom]]:
+    """The atoms of a condition, each with its knowledge type."""
+    todo = [formula]
+    while todo:
+        node = todo.pop()
+        match node:
+            case Atom():
+                yield KnowledgeType.FACT, node
+            case Defined(function):
+                yield KnowledgeType.FUNCTION, function
+            case Comparison(_, left, right):
+                for function in atoms_of((*left, *right)):
+                    yield KnowledgeType.FUNCTION, function
+        todo += children(node)
+
+
+def _ground_key(atom: Atom) -> str | None:
+    """The key of an atom's timeline; None if it has variables."""
+    if any(map(is_wildcard, atom.arguments)):
+        return None
+    return atom_key([key(word) for word in (atom.name, *atom.arguments)])

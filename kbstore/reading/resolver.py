@@ -1,0 +1,156 @@
+"""The resolver: which instant a question means, and whether stored rows answer it.
+
+Every path that reads asks here. A point in time is *stored*, and its rows are read; or *projected*, and computed from
+what was on record (`kbstore.planning.simulator`); or refused, as history has been archived away.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from kbstore.clock import OPEN, TIME_LIMIT, Clock, isoformat, time
+from kbstore.errors import ClockWentBackwards, HistoryUnavailable
+from kbstore.model.results import Transaction
+from kbstore.storage.repository import Head, LogPosition, Repository, RunRow
+
+
+class TemporalPoint(NamedTuple):
+    """The instant that a question means, on both axes of time.
+
+    Attributes:
+        valid_time: The time that is asked about.
+        system_time: The position in the log up to which is believed what was recorded; without `as_of`, now.
+        is_as_of: Whether the question gave `as_of`.
+        head: The end of the log when the question was asked.
+        position: Where in the log the schedule, the runs and the domain are read.
+        rows_at: Where in the log the assertions are read; None where they are projected from `position`.
+        running: The actions running at `position`, for a `valid_time` that lies after it; otherwise empty.
+    """
+
+    valid_time: int
+    system_time: LogPosition
+    is_as_of: bool
+    head: Head
+    position: LogPosition
+    rows_at: LogPosition | None
+    running: Sequence[RunRow]
+
+    @property
+    def is_known_now(self) -> bool:
+        """Whether single rows answer: they are stored, and none was recorded after what is believed."""
+        return self.rows_at is not None and self.rows_at.number is None
+
+    @property
+    def is_settled(self) -> bool:
+        """Whether what holds is the same whatever is recorded from now on (rule T5)."""
+        return self.valid_time < self.head.time and self.valid_time < self.system_time.time
+
+
+class Resolver:
+    """Decides which instant a question about one knowledge base means."""
+
+    def __init__(self, name: str, clock: Clock, *, is_archive: bool = False) -> None:
+        self.name = name
+        self.is_archive = is_archive
+        self._clock = clock
+
+    # -- now --------------------------------------------------------------------------------------------------
+
+    def read_clock(self) -> int:
+        """Return the time of the clock. Raises `InvalidTime` if it is not a time."""
+        return time(self._clock.now())
+
+    def now(self, head: Head) -> int:
+        """Return now for a question: a caller always sees what it wrote (rule T3)."""
+        return max(self.read_clock(), head.time)
+
+    def now_for_writing(self, head: Head, tolerance: int) -> int:
+        """Return now for a transaction that has locked the head.
+
+        Raises `ClockWentBackwards` where the clock is behind the latest transaction by more than the tolerance, in
+        nanoseconds (rule T3).
+        """
+        clock, latest = self.read_clock(), head.time
+        if latest - clock > tolerance:
+            raise ClockWentBackwards(
+                f"the clock says {isoformat(clock)}, but {self.name} has a transaction of {isoformat(latest)}; "
+                "set the clock, or give a run that begins anew (a simulation at 0) a knowledge base name of its own"
+            )
+        return max(clock, latest)
+
+    # -- instants ---------------------------------------------------------------------------------------------
+
+    def resolve(self, repository: Repository, at: object = None, as_of: object = None) -> TemporalPoint:
+        """Return the instant that a question means, on the snapshot that the repository reads.
+
+        Raises `HistoryUnavailable` for one that has been archived away, `InvalidTime` for what is not a time.
+        """
+        head = repository.head()
+        now = self.now(head)
+        believed = LogPosition(now)
+        if isinstance(as_of, Transaction):
+            believed = repository.after_transaction(as_of.number, as_of.time)
+        elif as_of is not None:
+            believed = LogPosition(min(time(as_of), now))
+        t = now if at is None else time(at)
+        self.refuse_archived(t, head)
+        self.refuse_archived(believed.time, head)
+        is_as_of = as_of is not None
+        if t <= believed.time:
+            # only at the time of the transaction itself does it matter which of that time's are believed
+            position = believed if t == believed.time and believed.number is not None else LogPosition(t)
+            return TemporalPoint(t, believed, is_as_of, head, position, position, ())
+        running = repository.running(believed) if head.last_run else ()
+        # what is scheduled is stored with the interval that is expected of it now
+        rows_at = None if is_as_of or running else LogPosition(t)
+        return TemporalPoint(t, believed, is_as_of, head, believed, rows_at, running)
+
+    @staticmethod
+    def at_position(head: Head, position: LogPosition) -> TemporalPoint:
+        """Return the instant of a position in the log, as it was believed there."""
+        return TemporalPoint(position.time, position, True, head, position, position, ())
+
+    def is_stored(self, head: Head, t: int) -> bool:
+        """Whether the rows that are known now answer for a time, as can be told by the head alone.
+
+        `resolve` tells the same of every time, reading what runs where that matters, and refuses what cannot be
+        answered.
+        """
+        if t > head.time and (self.is_archive or (head.last_run and t > self.read_clock())):
+            return False
+        return head.history_from <= t < TIME_LIMIT
+
+    def resolve_span(self, repository: Repository, since: object, until: object) -> tuple[int, int, TemporalPoint]:
+        """Return a span of time as ``since <= t < until``, and now.
+
+        `since` None is the beginning, `until` None the end of time. Raises `HistoryUnavailable` where the span reaches
+        into what has been archived away.
+        """
+        point = self.resolve(repository)
+        first = 0 if since is None else time(since)
+        last = OPEN if until is None else time(until)
+        self.refuse_archived(first, point.head)
+        if until is not None:
+            self.refuse_archived(max(first, last - 1), point.head)
+        return first, last, point
+
+    # -- archives ---------------------------------------------------------------------------------------------
+
+    def refuse_archived(self, t: int, head: Head) -> None:
+        """Raise `HistoryUnavailable` for a time before which history has been archived away (rule Q7).
+
+        In an archive, also for a time after its end.
+        """
+        if self.is_archive and t > head.time:
+            raise HistoryUnavailable(
+                f"this archive of {self.name} ends at {isoformat(head.time + 1)}, and {isoformat(t)} cannot be "
+                "answered here: ask the store that it was taken from, or a later archive"
+            )
+        if t < head.history_from:
+            raise self.archived(isoformat(t), head)
+
+    def archived(self, asked: str, head: Head) -> HistoryUnavailable:
+        """The error for a question that needs what has been archived away."""
+        return HistoryUnavailable(
+            f"{self.name} keeps its history from {isoformat(head.history_from)} on; what was before has been "
+            f"archived, and {asked} cannot be answered here: ask the archive"
+        )

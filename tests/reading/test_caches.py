@@ -1,0 +1,80 @@
+"""The one kind of cache: what it keeps, and what it drops."""
+
+import pytest
+
+from kbstore.caches import LRU
+
+
+def test_the_least_recently_used_goes_first():
+    """Of four entries that there is no room for, the one that was asked for again stays."""
+    cache = LRU(4)
+    for key in "abcd":
+        cache.put(key, key.upper())
+    assert cache.find("a") == "A"
+    for key in "ef":
+        cache.put(key, key.upper())
+    assert cache.find("a") == "A"
+    assert cache.find("b") is None
+    assert cache.find("f") == "F"
+
+
+def test_an_entry_stays_while_half_of_the_bound_is_used_beside_it():
+    """The guarantee: after n puts an entry is there if n is less than half of the bound."""
+    cache = LRU(100)
+    cache.put("first", 1)
+    for number in range(49):
+        cache.put(number, number)
+    assert cache["first"] == 1
+
+
+def test_it_never_holds_more_than_its_bound():
+    """Whatever is put and found, the entries together are no larger than the bound."""
+    cache = LRU(30, size=len)
+    for number in range(200):
+        cache.put(number, "x" * (number * 7 % 13 + 1))
+        cache.find(number * 5 % 17)
+        assert sum(map(len, [*cache.values(), *cache._older.values()])) <= 30 + 13
+
+
+def test_the_older_generation_is_found_by_find_and_by_index():
+    """`find` and ``[]`` look in both generations; what is found there is young again."""
+    cache = LRU(4)
+    for key in "abc":
+        cache.put(key, key.upper())
+    assert "a" not in cache
+    assert cache["a"] == "A"
+    assert "a" in cache
+    with pytest.raises(KeyError):
+        cache["z"]
+    assert cache.find("z") is None
+
+
+def test_states_are_weighed_by_their_assertions():
+    """There is room for so many assertions; those go that nobody asked for in the longest time."""
+    cache = LRU(30, size=lambda size: size)
+    cache.put(1, 10)
+    cache.put(2, 10)
+    assert cache.find(1)
+    cache.put(3, 15)
+    assert [t for t in (1, 2, 3) if cache.find(t)] == [1, 3]
+    cache.put(4, 31)
+    assert [t for t in (1, 3, 4) if cache.find(t)] == [1, 3]
+
+
+def test_a_bound_of_0_turns_it_off():
+    """Nothing is kept, and nothing is found."""
+    cache = LRU(0)
+    cache.put("a", 1)
+    assert cache.find("a") is None
+    assert len(cache) == 0
+
+
+def test_what_is_stale_is_dropped_from_both_generations():
+    """`drop` takes keys out wherever they are, `clear` takes all."""
+    cache = LRU(4)
+    for t in (10, 20, 30):
+        cache.put(t, t)
+    cache.drop(lambda t: t >= 20)
+    assert [t for t in (10, 20, 30) if cache.find(t)] == [10]
+    cache.clear()
+    assert cache.find(10) is None
