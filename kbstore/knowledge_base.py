@@ -138,7 +138,6 @@ class KnowledgeBase:
         return self._transaction(self._reader, client=client, note=note, expect=expect)
 
     def _transaction(self, reader: Reader, *, client: str, note: str, expect: int | None = None) -> OpenTransaction:
-        self._refuse_writing()
         return OpenTransaction(
             reader,
             client=client,

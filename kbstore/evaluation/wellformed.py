@@ -25,6 +25,7 @@ from kbstore.model.formulas import (
     Same,
     Truism,
 )
+from kbstore.model.symbols import arity_problem
 from kbstore.names import key
 
 MAX_DEPTH = 160
@@ -83,10 +84,9 @@ def check(
 
 
 def _check_arity(atom: Atom, signature: Signature | None) -> None:
-    if signature is not None and len(atom.arguments) != len(signature.parameters):
-        raise InvalidKnowledge(
-            f"{atom!s:.200} has {len(atom.arguments)} arguments; expected are {len(signature.parameters)}: {signature}"
-        )
+    problem = arity_problem(atom, signature) if signature is not None else None
+    if problem:
+        raise InvalidKnowledge(problem)
 
 
 def _declared(parameters: tuple[Parameter, ...], domain: Domain | None) -> dict[str, str]:

@@ -7,7 +7,9 @@ from typing import NamedTuple
 
 from kbstore.errors import InvalidKnowledge, UnknownSymbol
 from kbstore.messages.enums import KnowledgeType
+from kbstore.model.actions import Action
 from kbstore.model.domain import Domain, Signature
+from kbstore.model.formulas import Atom
 from kbstore.names import key
 
 
@@ -17,9 +19,6 @@ class InferredSignature(NamedTuple):
     name: str
     arity: int
     labels: tuple[str, ...] | None
-
-
-_WORDS = {KnowledgeType.FACT: "predicate", KnowledgeType.FUNCTION: "function"}
 
 
 @dataclass
@@ -74,37 +73,36 @@ class SymbolTable:
         Raises `UnknownSymbol` for a symbol that the domain does not know, `InvalidKnowledge` for a wrong number of
         arguments or for labels that are not those of the parameters (rules D1, D2).
         """
-        atom = f"({' '.join((name, *arguments))})"
+        atom = Atom(name, tuple(arguments))
         signature = self.signature(kind, name)
         if signature is not None:
+            wrong = arity_problem(atom, signature)
             spelled, known, declared = signature.name, signature.labels, str(signature)
         else:
             shape = self.shapes.get((kind, key(name)))
             if shape is None:
                 _refuse_repeated(atom, labels)
-                return name, tuple(arguments)
+                return name, atom.arguments
             spelled, known = shape.name, shape.labels or _numbered(shape.arity)
             declared = f"{shape.name} was first used with {_count(shape.arity, 'argument')}"
             if shape.labels is not None:
                 declared += f", labelled {', '.join(shape.labels)}"
-            if shape.labels is None and len(arguments) == shape.arity:
+            wrong = None if len(arguments) == shape.arity else _wrong_arity(atom, declared)
+            if shape.labels is None and wrong is None:
                 _refuse_repeated(atom, labels)
-                return spelled, tuple(arguments)
-        if len(arguments) != len(known):
-            raise InvalidKnowledge(
-                f"{atom}: the {_WORDS[kind]} {spelled} takes {_count(len(known), 'argument')}, "
-                f"not {len(arguments)}: {declared}"
-            )
+                return spelled, atom.arguments
+        if wrong:
+            raise InvalidKnowledge(wrong)
         if not any(labels):
-            return spelled, tuple(arguments)
-        wanted = [key(label) for label in known]
-        if [key(label) for label in labels] == wanted:
-            return spelled, tuple(arguments)
+            return spelled, atom.arguments
+        expected = [key(label) for label in known]
+        if [key(label) for label in labels] == expected:
+            return spelled, atom.arguments
         by_label = dict(zip(map(key, labels), arguments, strict=True))
-        if len(by_label) != len(wanted) or by_label.keys() != set(wanted):
+        if len(by_label) != len(expected) or by_label.keys() != set(expected):
             given = ", ".join(label or "(none)" for label in labels)
             raise InvalidKnowledge(f"{atom}: its labels are {given}; expected {', '.join(known)}: {declared}")
-        return spelled, tuple(by_label[label] for label in wanted)
+        return spelled, tuple(by_label[label] for label in expected)
 
     def learn(self, kind: KnowledgeType, name: str, arity: int, labels: Sequence[str]) -> InferredSignature | None:
         """Keep the shape of a symbol's first use, and its first labels; the shape if that is new."""
@@ -124,7 +122,19 @@ def _numbered(arity: int) -> tuple[str, ...]:
     return tuple(f"arg{index + 1}" for index in range(arity))
 
 
-def _refuse_repeated(atom: str, labels: Sequence[str]) -> None:
+def arity_problem(atom: Atom, declared: Signature | Action) -> str | None:
+    """The sentence for an atom, or an action, with another number of arguments than declared; None if it fits."""
+    if len(atom.arguments) == len(declared.parameters):
+        return None
+    parameters = " ".join((declared.name, *(f"?{p.name} - {p.type_text}" for p in declared.parameters)))
+    return _wrong_arity(atom, f"({parameters}) takes {len(declared.parameters)}")
+
+
+def _wrong_arity(atom: Atom, expected: str) -> str:
+    return f"{atom!s:.200} has {_count(len(atom.arguments), 'argument')}, but {expected}"
+
+
+def _refuse_repeated(atom: Atom, labels: Sequence[str]) -> None:
     given = [key(label) for label in labels if label]
     if len(set(given)) != len(given):
         raise InvalidKnowledge(f"{atom}: a label is given twice: {', '.join(given)}")

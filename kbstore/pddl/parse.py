@@ -4,15 +4,15 @@ from kbstore.conversion import from_composite
 from kbstore.errors import InvalidKnowledge
 from kbstore.messages import ComparisonType, Fact, Function, Goal, Inequality, Instance, KnowledgeItem
 from kbstore.messages import Condition as ConditionMessage
-from kbstore.model.domain import Domain, Signature
+from kbstore.model.domain import Domain
 from kbstore.model.expressions import NumericExpression
 from kbstore.model.formulas import Atom, Comparison, Defined, Formula, IsA, Not, walk
-from kbstore.names import key
+from kbstore.model.symbols import SymbolTable
 from kbstore.pddl.conditions import ConditionReader, conjuncts
 from kbstore.pddl.expressions import read_expression
 from kbstore.pddl.item_reader import ItemReader, fact_of
 from kbstore.pddl.printer import condition_text
-from kbstore.pddl.scope import Scope, arity_problem
+from kbstore.pddl.scope import Scope
 from kbstore.pddl.sexpr import Group, SourceText, node_text
 
 __all__ = [
@@ -86,9 +86,9 @@ def condition_of(item: KnowledgeItem | ConditionMessage, domain: Domain | None =
     condition: Formula
     match item:
         case Fact():
-            condition = _arranged(item, domain.predicate_signature(item.attribute_name) if domain else None)
+            condition = _arranged(item, domain)
         case Function():
-            atom = _arranged(item, domain.function_signature(item.attribute_name) if domain else None)
+            atom = _arranged(item, domain)
             if item.function_value is None:
                 condition = Defined(atom)
             else:
@@ -133,19 +133,10 @@ def goal_of(part: Formula, items: ItemReader) -> Goal:
     return ConditionMessage(text=condition_text(part))
 
 
-def _arranged(item: Fact | Function, signature: Signature | None) -> Atom:
-    """The item's atom, its arguments in the signature's order; an empty argument is written ``?``."""
+def _arranged(item: Fact | Function, domain: Domain | None) -> Atom:
+    """The item's atom, its arguments in the order of the symbol's parameters; an empty argument is written ``?``."""
     arguments = tuple(argument or "?" for argument in item.arguments)
-    if signature is None:
-        return Atom(item.attribute_name, arguments)
-    if len(arguments) != len(signature.parameters):
-        raise InvalidKnowledge(arity_problem(Atom(item.attribute_name, arguments), signature))
-    if not any(item.labels) or [*map(key, item.labels)] == [*map(key, signature.labels)]:
-        return Atom(item.attribute_name, arguments)
-    by_label = {key(label): argument for label, argument in zip(item.labels, arguments, strict=True)}
-    if len(by_label) != len(arguments) or by_label.keys() != set(map(key, signature.labels)):
-        given = ", ".join(label or "(none)" for label in item.labels)
-        raise InvalidKnowledge(
-            f"the labels of {item.text} are {given}, but {signature} has {', '.join(signature.labels)}"
-        )
-    return Atom(item.attribute_name, tuple(by_label[key(label)] for label in signature.labels))
+    if domain is not None:
+        name = item.attribute_name
+        _, arguments = SymbolTable(domain).ordered(item.knowledge_type, name, arguments, item.labels)
+    return Atom(item.attribute_name, arguments)

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from kbstore.errors import InvalidKnowledge, KbStoreError, PddlSyntaxError, UnknownSymbol
 from kbstore.model.domain import Domain, Signature
 from kbstore.model.formulas import Atom, Parameter
+from kbstore.model.symbols import arity_problem
 from kbstore.names import is_wildcard, key
 from kbstore.pddl.sexpr import Group, SourceText, bounded, node_text
 
@@ -165,8 +166,9 @@ class Scope:
         be of a type above, as some of its values may fit.
         """
         atom = Atom(str(group[0]), self.words(group, 1))
-        if signature is not None and len(atom.arguments) != len(signature.parameters):
-            self.complain(InvalidKnowledge, arity_problem(atom, signature), group)
+        wrong = arity_problem(atom, signature) if signature is not None else None
+        if wrong:
+            self.complain(InvalidKnowledge, wrong, group)
             signature = None
         for index, argument in enumerate(atom.arguments, 1):
             parameter = signature.parameters[index - 1] if signature else None
@@ -219,13 +221,6 @@ def fail_at_once(source: SourceText) -> Report:
         raise source.error(problem, offset)
 
     return report
-
-
-def arity_problem(atom: Atom, signature: Signature) -> str:
-    """The sentence for a wrong number of arguments."""
-    given = len(atom.arguments)
-    counted = f"{given} argument" if given == 1 else f"{given} arguments"
-    return f"{atom!s:.80} has {counted}, but {signature} takes {len(signature.parameters)}"
 
 
 def _unbound(variable: str, variables: Variables) -> str:

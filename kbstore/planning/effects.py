@@ -10,7 +10,7 @@ from kbstore.errors import DivisionByZero, InvalidKnowledge, UndefinedFunction
 from kbstore.evaluation import expressions
 from kbstore.evaluation.conditions import Evaluation
 from kbstore.evaluation.interpretation import Arguments, Interpretation, Number
-from kbstore.messages import AssignOp, ComparisonType, Operator, Truth
+from kbstore.messages import AssignOp, ComparisonType, KnowledgeType, Operator, Truth
 from kbstore.messages.base import format_number
 from kbstore.model.domain import Domain
 from kbstore.model.expressions import NumericExpression, atoms_of
@@ -29,6 +29,7 @@ from kbstore.model.formulas import (
     When,
     WhenAtStart,
 )
+from kbstore.model.timelines import Value
 from kbstore.names import key
 from kbstore.planning.grounding import GroundAction
 from kbstore.planning.start_conditions import NOTHING, Remembered, premise
@@ -127,6 +128,34 @@ def resulting(changes: Iterable[NumericChange], number_at: Callable[[Atom], floa
     return values
 
 
+def outcome(
+    effects: Effects, world: Interpretation, own_rate: Callable[[Atom], float]
+) -> Iterator[tuple[KnowledgeType, Atom, Value | None]]:
+    """What effects leave on each timeline that they change: deletes before adds, then the numbers (rule O2).
+
+    None stands for what ends. `world` is the state before; `own_rate` gives the rate of a function, per second,
+    without what runs, which a change relative to its value keeps (rule C7).
+    """
+    for atom, sign in _signs(effects, world):
+        yield KnowledgeType.FACT, atom, None if sign is None else (not sign,)
+    assigned = {change.function for change in effects.changes if change.operation is AssignOp.ASSIGN}
+    for function, value in resulting(effects.changes, _values(world)).items():
+        rate = 0.0 if function in assigned else own_rate(function)
+        yield KnowledgeType.FUNCTION, function, (False, value, rate, rate)
+
+
+def _signs(effects: Effects, world: Interpretation) -> Iterator[tuple[Atom, bool | None]]:
+    """The sign of each fact that effects change: a delete makes it false with `use_unknowns`, else absent (rule O2)."""
+    for atom in effects.deletes:
+        if world.use_unknowns:
+            yield atom, False
+        elif world.sign(atom.name, atom.arguments) is not False:
+            # an explicit falsehood is not a fact that a delete could remove (rule C4)
+            yield atom, None
+    for atom in effects.adds:
+        yield atom, True
+
+
 def lacking(
     ground: GroundAction,
     timing: Timing,
@@ -182,12 +211,8 @@ class StateAfter:
     def __init__(self, world: Interpretation, effects: Effects) -> None:
         self._world = world
         self._signs: dict[str, dict[Arguments, bool | None]] = {}
-        for atom in effects.deletes:
-            # an explicit falsehood is no fact that a delete could remove (rule C4)
-            if world.use_unknowns or world.sign(atom.name, atom.arguments) is True:
-                self._signs.setdefault(atom.name, {})[atom.arguments] = False if world.use_unknowns else None
-        for atom in effects.adds:
-            self._signs.setdefault(atom.name, {})[atom.arguments] = True
+        for atom, sign in _signs(effects, world):
+            self._signs.setdefault(atom.name, {})[atom.arguments] = sign
         self._numbers = {
             (function.name, function.arguments): Number(value, since=world.time)
             for function, value in resulting(effects.changes, _values(world)).items()

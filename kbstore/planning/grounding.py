@@ -12,6 +12,7 @@ from kbstore.model.actions import Action
 from kbstore.model.domain import Domain
 from kbstore.model.expressions import NumericExpression
 from kbstore.model.formulas import And, Atom, Forall, Formula, Parameter, Preference, Timing, Truism
+from kbstore.model.symbols import arity_problem
 from kbstore.names import key
 
 
@@ -55,13 +56,8 @@ def ground(domain: Domain, name: str, arguments: tuple[str, ...], world: Interpr
     """
     action = domain.action(name)
     given = f"({' '.join((action.name, *arguments))})"
-    violations = []
-    if len(arguments) != len(action.parameters):
-        expected = " ".join(f"?{p.name} - {p.type_text}" for p in action.parameters)
-        violations.append(
-            f"{given} has {len(arguments)} arguments; {action.name} takes {len(action.parameters)}"
-            + (f": {expected}" if expected else "")
-        )
+    wrong = arity_problem(Atom(action.name, arguments), action)
+    violations = [wrong] if wrong else []
     for argument, parameter in zip(arguments, action.parameters, strict=False):
         wrong = _mismatch(domain, argument, parameter, world)
         if wrong:

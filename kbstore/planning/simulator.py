@@ -11,7 +11,7 @@ from typing import NamedTuple
 from kbstore.clock import SECOND
 from kbstore.errors import KbStoreError
 from kbstore.evaluation.snapshot import Snapshot, StateRow
-from kbstore.messages import AssignOp, KnowledgeType
+from kbstore.messages import KnowledgeType
 from kbstore.model.domain import Domain
 from kbstore.model.formulas import Atom, Timing
 from kbstore.model.results import Run
@@ -119,9 +119,8 @@ class Simulator:
         yield from self._stop(entry)
         for timeline, value in changes:
             row = self._standing.get(timeline.identity)
-            # what stands already does not change, and a delete takes away only what is asserted (rules C2, C4)
-            said = row[2] if timeline.kind is KnowledgeType.FACT and row is not None else None
-            if said is not None and (value == said or (value is None and said[0])):
+            if timeline.kind is KnowledgeType.FACT and row is not None and value == row[2]:
+                # what holds already does not change (rule C2)
                 continue
             if value is not None:
                 if timeline.kind is KnowledgeType.FUNCTION:
@@ -136,22 +135,14 @@ class Simulator:
         world = Snapshot(self._now, self.rows, self._domain, self._use_unknowns)
         action = ground(self._domain, run.operator, run.arguments, world)
         seconds = run.duration / SECOND
-        found = effects.evaluate(action, Timing.AT_END, world, duration=seconds, remembered=entry.remembered)
-        for atom in found.deletes:
-            yield self._timeline(KnowledgeType.FACT, atom), (True,) if self._use_unknowns else None
-        for atom in found.adds:
-            yield self._timeline(KnowledgeType.FACT, atom), (False,)
-        assigned = {change.function for change in found.changes if change.operation is AssignOp.ASSIGN}
+        at_end = effects.evaluate(action, Timing.AT_END, world, duration=seconds, remembered=entry.remembered)
 
-        def number(function: Atom) -> float | None:
-            there = world.number(key(function.name), tuple(map(key, function.arguments)))
-            return None if there is None else there.at(self._now)
+        def own_rate(function: Atom) -> float:
+            row = self._standing.get(self._timeline(KnowledgeType.FUNCTION, function).identity)
+            return 0.0 if row is None else row[2][2]
 
-        for function, value in effects.resulting(found.changes, number).items():
-            timeline = self._timeline(KnowledgeType.FUNCTION, function)
-            row = self._standing.get(timeline.identity)
-            own_rate = 0.0 if function in assigned or row is None else row[2][2]
-            yield timeline, (False, value, own_rate, own_rate)
+        for kind, atom, value in effects.outcome(at_end, world, own_rate):
+            yield self._timeline(kind, atom), value
 
     def _timeline(self, kind: KnowledgeType, atom: Atom) -> Timeline:
         keys = [key(name) for name in (atom.name, *atom.arguments)]

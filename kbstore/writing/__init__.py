@@ -1,1 +1,1 @@
-"""The one path for writing: a transaction's draft, its checks, what each update does, and its rows."""
+"""The one path for writing: a transaction, its handlers, its change set, and the rows that come of it."""

@@ -7,7 +7,7 @@ from kbstore import clock
 from kbstore.clock import SECOND
 from kbstore.errors import DivisionByZero, HistoryUnavailable, InvalidKnowledge, NotApplicable, UndefinedFunction
 from kbstore.evaluation.interpretation import Interpretation
-from kbstore.messages import AssignOp, KnowledgeType
+from kbstore.messages import KnowledgeType
 from kbstore.model.domain import Domain
 from kbstore.model.formulas import Atom, Formula, Timing
 from kbstore.model.results import Applicability, FailingCondition, Run
@@ -22,6 +22,7 @@ from kbstore.planning.grounding import GroundAction, ground
 from kbstore.planning.simulator import RunningAction
 from kbstore.reading.state import State
 from kbstore.writing.change_set import ChangeSet
+from kbstore.writing.formulas import canonical_term
 from kbstore.writing.handlers import Handlers
 from kbstore.writing.recorder import Recorder
 
@@ -29,8 +30,8 @@ from kbstore.writing.recorder import Recorder
 class ActionExecutor:
     """The durative actions that run, as a transaction leaves them."""
 
-    def __init__(self, draft: ChangeSet, running: Sequence[RunningAction], last_run: int) -> None:
-        self._change_set = draft
+    def __init__(self, change_set: ChangeSet, running: Sequence[RunningAction], last_run: int) -> None:
+        self._change_set = change_set
         self.running = list(running)
         self.last_run = last_run
         self._started: list[RunningAction] = []
@@ -61,20 +62,16 @@ class ActionExecutor:
 
     # -- operators --------------------------------------------------------------------------------------------
 
-    def applicable(self, state: State, operator: str, arguments: Sequence[str]) -> Applicability:
-        """Whether an operator can be applied, and the conditions that fail (rule O1)."""
-        return applicability(state, operator, arguments)
-
-    def apply(self, state: State, editor: Handlers, operator: str, arguments: Sequence[str]) -> None:
+    def apply(self, state: State, handlers: Handlers, operator: str, arguments: Sequence[str]) -> None:
         """Do an instantaneous action."""
         action = _grounded(state, operator, arguments)
         if action.action.durative:
             raise NotApplicable(f"{action} takes time; start() it, and end() it when it is done")
         found = _at_start(state, action)
         _refuse(state, action, planning.unsatisfied(action, state.snapshot, at_start=found))
-        self._carry_out(editor, found, state)
+        self._carry_out(handlers, found, state)
 
-    def start(self, state: State, editor: Handlers, operator: str, arguments: Sequence[str], duration: object) -> Run:
+    def start(self, state: State, handlers: Handlers, operator: str, arguments: Sequence[str], duration: object) -> Run:
         """Start a durative action."""
         action = _grounded(state, operator, arguments)
         if not action.action.durative:
@@ -93,19 +90,18 @@ class ActionExecutor:
         )
         continuous = effects.evaluate(action, Timing.OVER_ALL, world, duration=seconds, remembered=lasting).rates
         _refuse(state, action, planning.unsatisfied(action, state.snapshot, duration=seconds, at_start=found))
-        self._carry_out(editor, found, state)
-        rates = tuple(
-            (editor.track_of(KnowledgeType.FUNCTION, function).timeline, rate) for function, rate in continuous
-        )
+        self._carry_out(handlers, found, state)
+        resolve = handlers.resolver.effect_atom
+        rates = tuple((resolve(KnowledgeType.FUNCTION, function).timeline, rate) for function, rate in continuous)
         self.last_run += 1
-        objects = tuple(map(editor.spelling.term, action.arguments))
+        objects = tuple(canonical_term(handlers.resolver, name) for name in action.arguments)
         run = Run(action.action.name, objects, self._change_set.now, length, self.last_run)
         entry = RunningAction(run, rates, ending)
         self.running.append(entry)
         self._started.append(entry)
         return run
 
-    def end(self, state: State, editor: Handlers, run: Run) -> Applicability:
+    def end(self, state: State, handlers: Handlers, run: Run) -> Applicability:
         """End a durative action; the at-end conditions that fail."""
         entry = self._running(run)
         try:
@@ -119,7 +115,7 @@ class ActionExecutor:
                 action, Timing.AT_END, state.snapshot, duration=seconds, remembered=entry.remembered
             )
             self._stop(entry, "ended")
-            self._carry_out(editor, found, state)
+            self._carry_out(handlers, found, state)
         except (UndefinedFunction, DivisionByZero, InvalidKnowledge) as error:
             raise NotApplicable(f"{action} cannot end: {error}; mend the state, or abort() it") from error
         return _explained(state, failing)
@@ -173,32 +169,24 @@ class ActionExecutor:
 
     # -- effects ----------------------------------------------------------------------------------------------
 
-    def _carry_out(self, editor: Handlers, found: Effects, state: State) -> None:
-        """Deletes before adds, then the numbers; all was evaluated on the state before (rule O2)."""
-        draft = self._change_set
-        atoms = (*found.deletes, *found.adds)
+    def _carry_out(self, handlers: Handlers, found: Effects, state: State) -> None:
+        """Record the effects of one moment, all of which were evaluated on the state before (rule O2)."""
+        change_set, now = self._change_set, self._change_set.now
         functions = {change.function for change in found.changes}
-        for kind, touched in ((KnowledgeType.FACT, atoms), (KnowledgeType.FUNCTION, functions)):
-            draft.load(Role.STATE, kind, {" ".join((atom.name, *atom.arguments)) for atom in touched})
-            draft.load(Role.STATE, KnowledgeType.INSTANCE, {name for atom in touched for name in atom.arguments})
-        for atom in found.deletes:
-            track = editor.track_of(KnowledgeType.FACT, atom)
-            if state.use_unknowns:
-                draft.set(track, (True,))
-            elif track.value is not None and not track.value[0]:
-                draft.end(track, EndCause.REMOVED)
-        for atom in found.adds:
-            draft.set(editor.track_of(KnowledgeType.FACT, atom), (False,))
-        assigned = {change.function for change in found.changes if change.operation is AssignOp.ASSIGN}
+        for kind, touched in ((KnowledgeType.FACT, {*found.deletes, *found.adds}), (KnowledgeType.FUNCTION, functions)):
+            change_set.load(Role.STATE, kind, {" ".join((atom.name, *atom.arguments)) for atom in touched})
+            change_set.load(Role.STATE, KnowledgeType.INSTANCE, {name for atom in touched for name in atom.arguments})
 
-        def number(function: Atom) -> float | None:
-            there = state.snapshot.number(key(function.name), tuple(map(key, function.arguments)))
-            return None if there is None else there.at(state.at)
+        def own_rate(function: Atom) -> float:
+            value = handlers.resolver.effect_atom(KnowledgeType.FUNCTION, function).value
+            return 0.0 if value is None else value[2]
 
-        for function, value in effects.resulting(found.changes, number).items():
-            track = editor.track_of(KnowledgeType.FUNCTION, function)
-            own_rate = 0.0 if function in assigned or track.value is None else track.value[2]
-            draft.set(track, (False, value, own_rate, own_rate))
+        for kind, atom, value in effects.outcome(found, state.snapshot, own_rate):
+            timeline_state = handlers.resolver.effect_atom(kind, atom)
+            if value is not None:
+                change_set.put(timeline_state, value, now)
+            elif timeline_state.value is not None:
+                change_set.take(timeline_state, now, EndCause.REMOVED)
 
     def write(self, recorder: Recorder) -> None:
         """Write the runs that begin and end."""

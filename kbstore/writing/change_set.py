@@ -1,11 +1,11 @@
-"""A transaction's working copy of the timelines that it touches, and what is to be written of it.
+"""A transaction's working copy of the timelines that it touches (an identity map), and its flush to rows.
 
-Updates apply to the draft one after another; only at the end is each timeline compared with what is stored, so that
-of what a transaction says about one timeline and one time only the last word is recorded (rule C1).
+Updates apply to the change set one after another. Only at the end is each timeline compared with what is stored, so
+that of several updates of one timeline at one time only the last is recorded (rule C1).
 
-Ends that lie ahead are always derived, never remembered: whatever is not ended by a transaction at the
-transaction's own time ends at the earlier of the next assertion on its timeline and the end of the existence of any
-object that it mentions (rules V1, C6, C9). `Draft.finish` derives them anew for all that the transaction touched.
+Ends that lie ahead are always derived: a row that no transaction ends at its own time ends at the earlier of the next
+assertion on its timeline and the end of the existence of any object that it mentions (rules V1, C6, C9).
+`ChangeSet.finish` derives them anew for everything that the transaction touched.
 """
 
 from collections import defaultdict
@@ -15,54 +15,17 @@ from itertools import chain
 from typing import Any
 
 from kbstore.clock import OPEN
-from kbstore.messages import KnowledgeType
+from kbstore.messages import Condition, Fact, Function, Instance, KnowledgeItem, KnowledgeType
 from kbstore.model.timelines import EndCause, Identity, Role, Timeline, Value, number_at
+from kbstore.names import key
 from kbstore.storage.repository import Repository, StoredAssertion
 from kbstore.writing.lifespans import Lifespan, lifespans_of, lost_time
+from kbstore.writing.timeline_state import TimelineState
 
 StateRow = tuple[Timeline, int, Value]
 Mentions = Callable[[Timeline, Value], Sequence[str]]
 
 _GROUPS = tuple((role, kind) for role in Role for kind in KnowledgeType)
-
-
-class TimelineState:
-    """One timeline in a transaction: what is stored from now on, and what the transaction makes of it."""
-
-    __slots__ = ("ahead", "cause", "latest", "stored_ahead", "timeline", "value")
-
-    def __init__(self, timeline: Timeline, rows: Sequence[StoredAssertion], now: int) -> None:
-        self.timeline = timeline
-        self.latest: StoredAssertion | None = None
-        """The latest stored row that begins no later than now; it may have ended."""
-        self.stored_ahead: dict[int, StoredAssertion] = {}
-        for row in rows:
-            if row.initial_time <= now:
-                self.latest = row
-            else:
-                self.stored_ahead[row.initial_time] = row
-        base = self.base(now)
-        self.value: Value | None = None if base is None else base.value
-        """What stands now; of a function, with its value at now."""
-        if base is not None and timeline.kind is KnowledgeType.FUNCTION:
-            self.value = (False, number_at(base.value, base.initial_time, now), *base.value[2:])
-        self.ahead: dict[int, Value] = {t: row.value for t, row in self.stored_ahead.items()}
-        """What is scheduled, by its time."""
-        self.cause = EndCause.REPLACED
-        """Why what stood at first does not stand any more."""
-
-    def base(self, now: int) -> StoredAssertion | None:
-        """The stored row that stands at now."""
-        latest = self.latest
-        return latest if latest is not None and latest.end_time > now else None
-
-    def copy(self) -> tuple[Value | None, dict[int, Value], EndCause]:
-        """What `restore` takes back."""
-        return self.value, self.ahead.copy(), self.cause
-
-    def restore(self, copy: tuple[Value | None, dict[int, Value], EndCause]) -> None:
-        """Take back what was done since the copy."""
-        self.value, self.ahead, self.cause = copy
 
 
 @dataclass
@@ -93,40 +56,40 @@ class ChangeSet:
         self._absent: dict[tuple[Role, KnowledgeType], set[str]] = {group: set() for group in _GROUPS}
         self._new: list[TimelineState] = []
         self.objects_changed = 0
-        """How often the existence of an object has changed in the draft."""
+        """How often the existence of an object has changed here."""
         self._mentioning: dict[str, list[TimelineState]] = {}
         self._journal: dict[TimelineState, tuple[Value | None, dict[int, Value], EndCause]] = {}
         self.contributions: dict[Identity, float] = {}
         """What running actions add to the rates of functions, per second."""
 
-    # -- tracks -----------------------------------------------------------------------------------------------
+    # -- timelines --------------------------------------------------------------------------------------------
 
     def group(self, role: Role, kind: KnowledgeType) -> dict[str, TimelineState]:
-        """The tracks of one role and knowledge type that the draft has, by key."""
+        """The timelines of one role and knowledge type that have been touched, by key."""
         return self._groups[role, kind]
 
-    def track(self, identity: Identity, spelling: str) -> TimelineState:
-        """The track of a timeline; `spelling` counts where the timeline is new."""
+    def state(self, identity: Identity, spelling: str) -> TimelineState:
+        """A timeline, made if there is none; `spelling` counts where it is new."""
         role, kind, name = identity
         group = self._groups[role, kind]
-        track = group.get(name)
-        if track is None and name not in self._absent[role, kind]:
-            track = self.known(identity)
-        if track is None:
+        state = group.get(name)
+        if state is None and name not in self._absent[role, kind]:
+            state = self.find(identity)
+        if state is None:
             timeline = Timeline(0, role, kind, name, None if spelling == name else spelling)
-            track = group[name] = TimelineState(timeline, (), self.now)
-            self._new.append(track)
-        return track
+            state = group[name] = TimelineState(timeline, (), self.now)
+            self._new.append(state)
+        return state
 
-    def known(self, identity: Identity) -> TimelineState | None:
-        """The track of a timeline, None if there is no such timeline."""
+    def find(self, identity: Identity) -> TimelineState | None:
+        """A timeline, None if there is none."""
         role, kind, name = identity
         group = self._groups[role, kind]
-        track = group.get(name)
-        if track is None and name not in self._absent[role, kind]:
+        state = group.get(name)
+        if state is None and name not in self._absent[role, kind]:
             self.load(role, kind, [name])
-            track = group.get(name)
-        return track
+            state = group.get(name)
+        return state
 
     def load(self, role: Role, kind: KnowledgeType, keys: Iterable[str]) -> None:
         """Read timelines at once, as far as they are stored."""
@@ -134,59 +97,75 @@ class ChangeSet:
         missing = [name for name in keys if name not in group and name not in absent]
         if missing:
             absent.update(missing)
-            self._take_in(self._repository.find(role, kind, missing).values())
+            self.loaded(self._repository.find(role, kind, missing).values())
+
+    def prefetch(self, role: Role, items: Iterable[KnowledgeItem | Condition]) -> None:
+        """Load at once the timelines that items will touch, as far as these can be told beforehand."""
+        atoms: dict[KnowledgeType, dict[str, tuple[str, ...]]] = defaultdict(dict)
+        objects: set[str] = set()
+        for item in items:
+            if isinstance(item, Fact | Function):
+                atoms[item.knowledge_type][" ".join(item.key)] = item.key
+            elif isinstance(item, Instance):
+                objects.add(key(item.instance_name))
+        for kind, keys in atoms.items():
+            self.load(role, kind, keys)
+            states = self.group(role, kind)
+            for name, words in keys.items():
+                state = states.get(name)
+                # what holds mentions only objects that exist
+                if state is None or state.value is None:
+                    objects.update(words[1:])
+        self.load(Role.STATE, KnowledgeType.INSTANCE, objects)
 
     def loaded(self, timelines: Iterable[Timeline]) -> list[TimelineState]:
-        """The tracks of stored timelines."""
+        """Load stored timelines, and return their states."""
         timelines = list(timelines)
-        self._take_in(timelines)
-        return [self._by_id[timeline.id] for timeline in timelines]
-
-    def all_tracks(self) -> Iterable[TimelineState]:
-        """The tracks that the draft has."""
-        return chain.from_iterable(group.values() for group in self._groups.values())
-
-    def _take_in(self, timelines: Iterable[Timeline]) -> None:
         by_kind: dict[KnowledgeType, list[Timeline]] = defaultdict(list)
         for timeline in timelines:
             if timeline.id not in self._by_id:
                 by_kind[timeline.kind].append(timeline)
-        for kind, wanted in by_kind.items():
-            rows = self._repository.rows_for_update(kind, [timeline.id for timeline in wanted], self.now)
-            for timeline in wanted:
-                track = TimelineState(timeline, rows.get(timeline.id, ()), self.now)
-                self._groups[timeline.role, kind][timeline.key] = track
-                self._by_id[timeline.id] = track
+        for kind, missing in by_kind.items():
+            rows = self._repository.rows_for_update(kind, [timeline.id for timeline in missing], self.now)
+            for timeline in missing:
+                state = TimelineState(timeline, rows.get(timeline.id, ()), self.now)
+                self._groups[timeline.role, kind][timeline.key] = state
+                self._by_id[timeline.id] = state
+        return [self._by_id[timeline.id] for timeline in timelines]
+
+    def states(self) -> Iterable[TimelineState]:
+        """All timelines that have been touched."""
+        return chain.from_iterable(group.values() for group in self._groups.values())
 
     # -- changes ----------------------------------------------------------------------------------------------
 
-    def set(self, track: TimelineState, value: Value) -> None:
-        """What stands now on a timeline."""
-        self._touch(track)
-        if track.value is not None:
-            track.cause = EndCause.REPLACED
-        track.value = value
+    def value_at(self, state: TimelineState, t: int) -> Value | None:
+        """What holds on a timeline now, or, for a later time, what is scheduled for exactly that time."""
+        return state.ahead.get(t) if t > self.now else state.value
 
-    def schedule(self, track: TimelineState, t: int, value: Value) -> None:
-        """What is to stand from a later time on; it replaces what was scheduled for that time (rule C6)."""
-        self._touch(track)
-        track.ahead[t] = value
+    def put(self, state: TimelineState, value: Value, t: int) -> None:
+        """Let a value hold from now on; from a later time, in place of what was scheduled for it (rule C6)."""
+        self._touch(state)
+        if t > self.now:
+            state.ahead[t] = value
+            return
+        if state.value is not None:
+            state.cause = EndCause.REPLACED
+        state.value = value
 
-    def end(self, track: TimelineState, cause: EndCause) -> None:
-        """What stands now stands no longer."""
-        self._touch(track)
-        track.value = None
-        track.cause = cause
+    def take(self, state: TimelineState, t: int, cause: EndCause) -> None:
+        """End what holds now; for a later time, cancel what is scheduled for it (rules C4, C5)."""
+        self._touch(state)
+        if t > self.now:
+            del state.ahead[t]
+            return
+        state.value = None
+        state.cause = cause
 
-    def cancel(self, track: TimelineState, t: int) -> None:
-        """What was scheduled for `t` will not be."""
-        self._touch(track)
-        del track.ahead[t]
-
-    def _touch(self, track: TimelineState) -> None:
-        if track not in self._journal:
-            self._journal[track] = track.copy()
-        if track.timeline.kind is KnowledgeType.INSTANCE:
+    def _touch(self, state: TimelineState) -> None:
+        if state not in self._journal:
+            self._journal[state] = state.copy()
+        if state.timeline.kind is KnowledgeType.INSTANCE:
             self.objects_changed += 1
 
     def savepoint(self) -> None:
@@ -195,26 +174,26 @@ class ChangeSet:
 
     def roll_back(self) -> None:
         """Take back every change since the savepoint."""
-        for track, copy in self._journal.items():
-            track.restore(copy)
+        for state, copy in self._journal.items():
+            state.restore(copy)
         self._journal.clear()
         self.objects_changed += 1
 
     # -- objects ----------------------------------------------------------------------------------------------
 
-    def lifespans(self, track: TimelineState) -> list[Lifespan]:
-        """When the object of an INSTANCE timeline exists from now on, as the draft has it."""
-        return lifespans_of(track.value, track.ahead, self.now)
+    def lifespans(self, state: TimelineState) -> list[Lifespan]:
+        """When the object of an INSTANCE timeline exists from now on, with the changes of this transaction."""
+        return lifespans_of(state.value, state.ahead, self.now)
 
-    def stored_lifespans(self, track: TimelineState) -> list[Lifespan]:
-        """The same as it is stored."""
-        base = track.base(self.now)
-        ahead = {t: row.value for t, row in track.stored_ahead.items()}
+    def stored_lifespans(self, state: TimelineState) -> list[Lifespan]:
+        """The same as stored."""
+        base = state.base(self.now)
+        ahead = {t: row.value for t, row in state.stored_ahead.items()}
         return lifespans_of(None if base is None else base.value, ahead, self.now)
 
-    def drop_mentions(self, track: TimelineState, before: Sequence[Lifespan], cause: EndCause) -> None:
+    def drop_mentions(self, state: TimelineState, before: Sequence[Lifespan], cause: EndCause) -> None:
         """End and cancel what mentions an object, from when it does not exist any more to its next start (rule C9)."""
-        after = self.lifespans(track)
+        after = self.lifespans(state)
         # without a domain something may have been scheduled even for a time in which it did not exist
         lost = [
             (start, min((lifespan.start for lifespan in after if lifespan.start > start), default=OPEN))
@@ -222,67 +201,66 @@ class ChangeSet:
         ]
         if not lost:
             return
-        for mentioning in self.mentioning(track):
-            if lost[0][0] == self.now and mentioning.value is not None and self._speaks(mentioning, None, track):
-                self.end(mentioning, cause)
+        for mentioning in self.mentioning(state):
+            if lost[0][0] == self.now and mentioning.value is not None and self._is_about(mentioning, None, state):
+                self.take(mentioning, self.now, cause)
             for t in [t for t in mentioning.ahead if any(start <= t < end for start, end in lost)]:
-                if self._speaks(mentioning, t, track):
-                    self.cancel(mentioning, t)
+                if self._is_about(mentioning, t, state):
+                    self.take(mentioning, t, cause)
 
-    def _speaks(self, track: TimelineState, t: int | None, about: TimelineState) -> bool:
+    def _is_about(self, state: TimelineState, t: int | None, about: TimelineState) -> bool:
         """Whether what stands (or is scheduled for `t`) mentions an object: the metric's timeline holds many things."""
-        value = track.value if t is None else track.ahead[t]
-        return value is not None and about.timeline.key in self._mentions(track.timeline, value)
+        value = state.value if t is None else state.ahead[t]
+        return value is not None and about.timeline.key in self._mentions(state.timeline, value)
 
-    def mentioning(self, track: TimelineState) -> list[TimelineState]:
-        """The tracks that mention the object of an INSTANCE timeline, in the store and in the draft."""
-        name = track.timeline.key
+    def mentioning(self, state: TimelineState) -> list[TimelineState]:
+        """The timelines that mention the object of an INSTANCE timeline, stored and new."""
+        name = state.timeline.key
         stored = self._mentioning.get(name)
         if stored is None:
-            ids = [track.timeline.id] if track.timeline.id else []
+            ids = [state.timeline.id] if state.timeline.id else []
             stored = self._mentioning[name] = self.loaded(self._repository.mentioning(ids)) if ids else []
-        drafted = [found for found in self._new_mentioning().get(name, ()) if found not in stored]
-        return [*stored, *drafted]
+        return [*stored, *(state for state in self._new_mentioning().get(name, ()) if state not in stored)]
 
     def _new_mentioning(self) -> dict[str, list[TimelineState]]:
-        """Which of the timelines that are new, or whose values mention what they like, mention an object."""
-        found: dict[str, list[TimelineState]] = defaultdict(list)
+        """By object, the timelines mentioning it that are new, or whose mentions vary by value (the metric)."""
+        by_object: dict[str, list[TimelineState]] = defaultdict(list)
         metric = self._groups[Role.STATE, KnowledgeType.EXPRESSION].values()
-        for track in dict.fromkeys((*self._new, *metric)):
-            values = ([] if track.value is None else [track.value]) + list(track.ahead.values())
-            for name in {name for value in values for name in self._mentions(track.timeline, value)}:
-                found[name].append(track)
-        return found
+        for state in dict.fromkeys((*self._new, *metric)):
+            values = ([] if state.value is None else [state.value]) + list(state.ahead.values())
+            for name in {name for value in values for name in self._mentions(state.timeline, value)}:
+                by_object[name].append(state)
+        return by_object
 
     def overlay(self, rows: dict[Identity, StateRow], pending: dict[tuple[Identity, int], StateRow]) -> None:
-        """Put what the draft has in the place of what is stored, standing and pending."""
-        for track in list(self.all_tracks()):
-            identity = track.timeline.identity
-            if track.timeline.kind is KnowledgeType.FUNCTION:
-                self._add_contributions(track)
-            base = track.base(self.now)
-            if track.value is None:
+        """Replace stored rows, those that hold now and those pending, by what the transaction makes of them."""
+        for state in list(self.states()):
+            identity = state.timeline.identity
+            if state.timeline.kind is KnowledgeType.FUNCTION:
+                self._add_contributions(state)
+            base = state.base(self.now)
+            if state.value is None:
                 rows.pop(identity, None)
-            elif base is None or track.value != self._value_now(track, base):
-                rows[identity] = (track.timeline, self.now, track.value)
-            for t in track.stored_ahead.keys() - track.ahead.keys():
+            elif base is None or state.value != self._value_now(state, base):
+                rows[identity] = (state.timeline, self.now, state.value)
+            for t in state.stored_ahead.keys() - state.ahead.keys():
                 pending.pop((identity, t), None)
-            for t, value in track.ahead.items():
-                pending[identity, t] = (track.timeline, t, value)
+            for t, value in state.ahead.items():
+                pending[identity, t] = (state.timeline, t, value)
 
     # -- what is written --------------------------------------------------------------------------------------
 
     def finish(self, number: int) -> RowChanges:
-        """Compare the draft with what is stored: what the transaction `number` has to write."""
+        """Compare with what is stored: the rows that transaction `number` has to write."""
         writes = RowChanges()
         objects = self._groups[Role.STATE, KnowledgeType.INSTANCE]
         if self.objects_changed:
             for track in list(objects.values()):
                 if self._ends(self.lifespans(track)) != self._ends(self.stored_lifespans(track)):
                     self.mentioning(track)
-        # what ends ahead because an object does; objects on which nothing is scheduled end nothing ahead
+        # objects on which nothing is scheduled end nothing ahead
         ends = {track.timeline.key: self._ends(self.lifespans(track)) for track in self._all_scheduled_objects()}
-        for track in list(self.all_tracks()):
+        for track in list(self.states()):
             self._finish_track(track, number, ends, writes)
         self._note_new(writes)
         return writes
@@ -300,7 +278,7 @@ class ChangeSet:
                 for name in self._mentions(track.timeline, value):
                     about = objects.get(name)
                     if about is None:
-                        about = self.track(Identity(Role.STATE, KnowledgeType.INSTANCE, name), name)
+                        about = self.state(Identity(Role.STATE, KnowledgeType.INSTANCE, name), name)
                     if not about.timeline.id:
                         new[about] = None
                     writes.mentions.append((track, about))

@@ -1,4 +1,4 @@
-"""Whether what stands, is scheduled and runs fits another version of the domain (rule D4)."""
+"""Compatibility of what holds, is scheduled and runs with another version of the domain (rule D4)."""
 
 from collections.abc import Iterable, Iterator
 
@@ -9,30 +9,34 @@ from kbstore.model.symbols import SymbolTable
 from kbstore.model.timelines import Role, Value
 from kbstore.pddl.parse import parse_condition, parse_expression
 from kbstore.planning.simulator import RunningAction
-from kbstore.writing.change_set import ChangeSet, TimelineState
-from kbstore.writing.validation import Validator, naming, violations_of
+from kbstore.writing.change_set import ChangeSet
+from kbstore.writing.formulas import condition_violations, expression_violations
+from kbstore.writing.resolution import Resolver, naming, violations_of
+from kbstore.writing.timeline_state import TimelineState
 
 
 def violations(
-    domain: Domain, draft: ChangeSet, tracks: Iterable[TimelineState], running: Iterable[RunningAction]
+    domain: Domain, change_set: ChangeSet, states: Iterable[TimelineState], running: Iterable[RunningAction]
 ) -> list[str]:
     """What would be invalid under a domain, each in one sentence."""
-    validator = Validator(draft, SymbolTable(domain))
-    found: list[str] = []
-    for track in tracks:
-        standing = [(draft.now, track.value)] if track.value is not None else []
-        for t, value in (*standing, *sorted(track.ahead.items())):
-            found += _misfits(domain, validator, track, t, value)
+    resolver = Resolver(change_set, SymbolTable(domain))
+    sentences: list[str] = []
+    for state in states:
+        values = [(change_set.now, state.value)] if state.value is not None else []
+        for t, value in (*values, *sorted(state.ahead.items())):
+            sentences += _timeline_violations(domain, resolver, state, t, value)
     for entry in running:
-        found += _run_misfits(domain, validator, entry, draft.now)
-    return list(dict.fromkeys(found))
+        sentences += _run_violations(domain, resolver, entry, change_set.now)
+    return list(dict.fromkeys(sentences))
 
 
-def _misfits(domain: Domain, validator: Validator, track: TimelineState, t: int, value: Value) -> Iterable[str]:
-    timeline = track.timeline
+def _timeline_violations(
+    domain: Domain, resolver: Resolver, state: TimelineState, t: int, value: Value
+) -> Iterable[str]:
+    timeline = state.timeline
     match timeline.kind:
         case KnowledgeType.INSTANCE:
-            return _object_misfits(domain, timeline.spelling, value)
+            return _object_violations(domain, timeline.spelling, value)
         case KnowledgeType.FACT | KnowledgeType.FUNCTION:
             try:
                 SymbolTable(domain).ordered(timeline.kind, timeline.name, timeline.arguments, ())
@@ -40,20 +44,20 @@ def _misfits(domain: Domain, validator: Validator, track: TimelineState, t: int,
                 return violations_of(error, f"({timeline.spelling})")
             if timeline.role is Role.STATE and timeline.kind is KnowledgeType.FACT and domain.is_derived(timeline.name):
                 return [f"({timeline.spelling}) is stated, but {timeline.name} is derived in the domain {domain.name}"]
-            return validator.atom(timeline.kind, timeline.name, timeline.arguments, t)
+            return resolver.atom_violations(timeline.kind, timeline.name, timeline.arguments, t)
         case KnowledgeType.EXPRESSION if timeline.role is Role.STATE:
-            return naming(f"{value[1]} {value[2]}", validator.expression(parse_expression(value[2]), t))
+            return naming(f"{value[1]} {value[2]}", expression_violations(resolver, parse_expression(value[2]), t))
         case _ if timeline.role is Role.CONSTRAINT:
             return ()
         case _:
             try:
                 formula = parse_condition(timeline.spelling, domain)
-                return naming(timeline.spelling, validator.condition(formula, t))
+                return naming(timeline.spelling, condition_violations(resolver, formula, t))
             except KbStoreError as error:
                 return violations_of(error, timeline.spelling)
 
 
-def _object_misfits(domain: Domain, name: str, value: Value) -> Iterator[str]:
+def _object_violations(domain: Domain, name: str, value: Value) -> Iterator[str]:
     if value[0]:
         return
     if not domain.knows_type(value[1]):
@@ -62,7 +66,7 @@ def _object_misfits(domain: Domain, name: str, value: Value) -> Iterator[str]:
         yield f"{name} - {value[1]}: the domain {domain.name} has a constant {name}; remove the object first"
 
 
-def _run_misfits(domain: Domain, validator: Validator, entry: RunningAction, t: int) -> Iterator[str]:
+def _run_violations(domain: Domain, resolver: Resolver, entry: RunningAction, t: int) -> Iterator[str]:
     run = entry.run
     try:
         action = domain.action(run.operator)
@@ -73,4 +77,4 @@ def _run_misfits(domain: Domain, validator: Validator, entry: RunningAction, t: 
         yield f"({run.operator} {' '.join(run.arguments)}) runs, but is another action in the domain {domain.name}"
         return
     types = [parameter.types for parameter in action.parameters]
-    yield from validator.objects(f"({run.operator} {' '.join(run.arguments)})", run.arguments, types, t)
+    yield from resolver.object_violations(f"({run.operator} {' '.join(run.arguments)})", run.arguments, types, t)

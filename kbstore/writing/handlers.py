@@ -1,4 +1,4 @@
-"""What each kind of update does to a transaction's draft (rules C2 to C12), checked before it is done.
+"""Command handlers: what each kind of update does to a transaction's change set (rules C2 to C12).
 
 Every method returns the violations that it found; if there are any, it has changed nothing.
 """
@@ -22,47 +22,52 @@ from kbstore.messages import (
     KnowledgeItem,
     KnowledgeType,
 )
-from kbstore.model.formulas import Atom, Comparison, Formula
+from kbstore.model.formulas import Comparison, Formula
 from kbstore.model.symbols import SymbolTable
 from kbstore.model.timelines import METRIC_KEY, EndCause, Identity, Role, Value, atom_key
 from kbstore.names import is_wildcard, key
 from kbstore.pddl.parse import condition_of, parse_condition
 from kbstore.pddl.printer import condition_text, expression_text
 from kbstore.storage.repository import LogPosition, Repository
-from kbstore.writing.atom_resolution import AtomResolver
-from kbstore.writing.canonical import Canonicalizer
-from kbstore.writing.change_set import ChangeSet, TimelineState
+from kbstore.writing.change_set import ChangeSet
+from kbstore.writing.formulas import (
+    canonical_condition,
+    canonical_expression,
+    condition_violations,
+    expression_violations,
+    symbol_violations,
+)
 from kbstore.writing.object_handlers import ObjectHandlers
-from kbstore.writing.validation import Validator, naming, violations_of
+from kbstore.writing.resolution import Resolver, Violations, naming, violations_of
+from kbstore.writing.timeline_state import TimelineState
 
-Violations = Sequence[str]
 _NONE: Violations = ()
 
 
 class Handlers:
-    """Applies updates to a draft, one after another, at one now."""
+    """Applies updates to a change set, one after another, at one now.
+
+    Each update has one time `t`: now, or later (rule T4). At a later time, adding schedules and removing cancels.
+    """
 
     def __init__(
         self,
-        draft: ChangeSet,
+        change_set: ChangeSet,
         repository: Repository,
-        symbol_table: SymbolTable,
+        symbols: SymbolTable,
         on_removed_object: Callable[[str], None],
     ) -> None:
-        self._change_set = draft
+        self._change_set = change_set
         self._repository = repository
-        self._symbols = symbol_table
-        self._validator = Validator(draft, symbol_table)
-        self.spelling = Canonicalizer(symbol_table, self._validator)
-        self._atoms = AtomResolver(draft, self._validator, symbol_table)
-        self._objects = ObjectHandlers(draft, repository, self._validator, symbol_table, on_removed_object)
-        self._now = draft.now
+        self._symbols = symbols
+        self.resolver = Resolver(change_set, symbols)
+        self._objects = ObjectHandlers(change_set, repository, self.resolver, on_removed_object)
+        self._now = change_set.now
 
     # -- adding -----------------------------------------------------------------------------------------------
 
     def add(self, item: KnowledgeItem, t: int) -> Violations:
-        """Add an item to the state, from `t` on; a time that is not after now is now (rule T4)."""
-        t = max(t, self._now)
+        """Add an item to the state, from `t` on."""
         match item:
             case Fact():
                 return self._add_fact(item, t)
@@ -77,7 +82,6 @@ class Handlers:
 
     def add_goal(self, goal: Goal, t: int) -> Violations:
         """Add a part of the goal (rule C10)."""
-        t = max(t, self._now)
         match goal:
             case Fact():
                 return self._put_fact(goal, Role.GOAL, t)
@@ -88,23 +92,22 @@ class Handlers:
 
     def add_constraint(self, text: str) -> Violations:
         """Keep a problem's trajectory constraints, which no message carries."""
-        track = self._change_set.track(Identity(Role.CONSTRAINT, KnowledgeType.EXPRESSION, key(text)), text)
-        self._put(track, (False, "", text), self._now)
+        state = self._change_set.state(Identity(Role.CONSTRAINT, KnowledgeType.EXPRESSION, key(text)), text)
+        self._change_set.put(state, (False, "", text), self._now)
         return _NONE
 
     def add_metric(self, item: KnowledgeItem, t: int) -> Violations:
         """Set the metric; it replaces the one that stands (rule C11)."""
-        t = max(t, self._now)
         if not isinstance(item, Expression) or not item.optimization or not item.expr.tokens:
             return [f"{item} is not a metric; write one like: minimize (total-time)"]
         if item.is_negative:
             return [f"{item}: a metric cannot be negative; remove_metric() ends it"]
         expression = from_composite(item.expr)
-        violations = naming(item, self._validator.expression(expression, t))
+        violations = naming(item, expression_violations(self.resolver, expression, t))
         if not violations:
-            track = self._change_set.track(Identity(Role.STATE, KnowledgeType.EXPRESSION, METRIC_KEY), METRIC_KEY)
-            text = expression_text(self.spelling.expression(expression))
-            self._put(track, (False, item.optimization, text), t)
+            state = self._change_set.state(Identity(Role.STATE, KnowledgeType.EXPRESSION, METRIC_KEY), METRIC_KEY)
+            text = expression_text(canonical_expression(self.resolver, expression))
+            self._change_set.put(state, (False, item.optimization, text), t)
         return violations
 
     def _add_fact(self, item: Fact, t: int) -> Violations:
@@ -114,10 +117,10 @@ class Handlers:
         return self._put_fact(item, Role.STATE, t)
 
     def _put_fact(self, item: Fact, role: Role, t: int) -> Violations:
-        track = self._atoms.of(item, KnowledgeType.FACT, role, t)
-        if not isinstance(track, TimelineState):
-            return track
-        self._put(track, (item.is_negative,), t)
+        state = self.resolver.atom(item, KnowledgeType.FACT, role, t)
+        if not isinstance(state, TimelineState):
+            return state
+        self._change_set.put(state, (item.is_negative,), t)
         return _NONE
 
     def _add_function(self, item: Function, t: int) -> Violations:
@@ -128,28 +131,28 @@ class Handlers:
             return [f"{item.atom}: {wrong!r} is not a value for a numeric function; give a finite number"]
         if item.is_negative:
             return [f"{item}: a function's value cannot be negated; remove it, or assign another value"]
-        track = self._atoms.of(item, KnowledgeType.FUNCTION, Role.STATE, t)
-        if not isinstance(track, TimelineState):
-            return track
+        state = self.resolver.atom(item, KnowledgeType.FUNCTION, Role.STATE, t)
+        if not isinstance(state, TimelineState):
+            return state
         if item.assign_op is AssignOp.ASSIGN:
-            self._put(track, (False, item.function_value, item.rate, item.rate), t)
+            self._change_set.put(state, (False, item.function_value, item.rate, item.rate), t)
             return _NONE
         if t > self._now:
             raise ScheduledRelativeChange(
                 f"{item} changes a value relative to what it will be at {isoformat(t)}, which cannot be scheduled; "
                 f"schedule an absolute value, as: (= {item.atom} 80)"
             )
-        self.change_number(track, item.assign_op, item.function_value)
+        self.change_number(state, item.assign_op, item.function_value)
         return _NONE
 
-    def change_number(self, track: TimelineState, operation: AssignOp, operand: float) -> None:
+    def change_number(self, state: TimelineState, operation: AssignOp, operand: float) -> None:
         """Change a function relative to its value now (rule C7)."""
-        atom = f"({track.timeline.spelling})"
-        if track.value is None:
+        atom = f"({state.timeline.spelling})"
+        if state.value is None:
             raise UndefinedFunction(
                 f"({operation.pddl} {atom} ...): {atom} has no value to change; assign one first, as: (= {atom} 80)"
             )
-        _, number, own_rate, _ = track.value
+        _, number, own_rate, _ = state.value
         match operation:
             case AssignOp.INCREASE:
                 number = number + operand
@@ -165,21 +168,21 @@ class Handlers:
                 own_rate = operand
         if not math.isfinite(number):
             raise InvalidKnowledge(f"({operation.pddl} {atom} {operand!r}) exceeds what a double can hold")
-        self._change_set.set(track, (False, number, own_rate, own_rate))
+        self._change_set.put(state, (False, number, own_rate, own_rate), self._now)
 
     def _add_inequality(self, item: Inequality, role: Role, t: int) -> Violations:
         try:
             formula = condition_of(item.changed(is_negative=False), self._symbols.domain)
         except KbStoreError as error:
             return violations_of(error, item)
-        violations = naming(condition_text(formula), self._validator.condition(formula, t))
+        violations = naming(condition_text(formula), condition_violations(self.resolver, formula, t))
         if violations:
             return violations
-        spelled = self.spelling.condition(formula)
+        spelled = canonical_condition(self.resolver, formula)
         assert isinstance(spelled, Comparison)
         left, right = expression_text(spelled.left), expression_text(spelled.right)
-        track = self._formula_track(spelled, role, KnowledgeType.INEQUALITY)
-        self._put(track, (item.is_negative, int(item.ineq.comparison_type), left, right, True), t)
+        state = self._formula_state(spelled, role, KnowledgeType.INEQUALITY)
+        self._change_set.put(state, (item.is_negative, int(item.ineq.comparison_type), left, right, True), t)
         return _NONE
 
     def _add_condition(self, text: str, role: Role, t: int) -> Violations:
@@ -187,32 +190,22 @@ class Handlers:
             formula = parse_condition(text, self._symbols.domain)
         except KbStoreError as error:
             return violations_of(error, text)
-        violations = naming(condition_text(formula), self._validator.condition(formula, t))
+        violations = naming(condition_text(formula), condition_violations(self.resolver, formula, t))
         if violations:
             return violations
-        track = self._formula_track(self.spelling.condition(formula), role, KnowledgeType.EXPRESSION)
-        # variables, too, are spelled as when the condition was first told
-        self._put(track, (False, "", track.timeline.spelling), t)
+        state = self._formula_state(canonical_condition(self.resolver, formula), role, KnowledgeType.EXPRESSION)
+        # variables, too, are spelled as when the condition was first recorded
+        self._change_set.put(state, (False, "", state.timeline.spelling), t)
         return _NONE
 
-    def _formula_track(self, formula: Formula, role: Role, kind: KnowledgeType) -> TimelineState:
+    def _formula_state(self, formula: Formula, role: Role, kind: KnowledgeType) -> TimelineState:
         text = condition_text(formula)
-        return self._change_set.track(Identity(role, kind, key(text)), text)
-
-    def track_of(self, kind: KnowledgeType, atom: Atom) -> TimelineState:
-        """The track of a ground atom that an operator's effect names. Raises `InvalidKnowledge` if it does not fit."""
-        return self._atoms.of_effect(kind, atom)
-
-    def _put(self, track: TimelineState, value: Value, t: int) -> None:
-        if t > self._now:
-            self._change_set.schedule(track, t, value)
-        else:
-            self._change_set.set(track, value)
+        return self._change_set.state(Identity(role, kind, key(text)), text)
 
     # -- removing ---------------------------------------------------------------------------------------------
 
-    def remove(self, item: KnowledgeItem, t: int | None) -> Violations:
-        """Remove what matches an item from the state; with a time after now, cancel what is scheduled for it."""
+    def remove(self, item: KnowledgeItem, t: int) -> Violations:
+        """Remove what matches an item from the state; at a time after now, cancel what is scheduled for it."""
         match item:
             case Fact():
                 return self._remove_atoms(item, KnowledgeType.FACT, Role.STATE, t)
@@ -227,7 +220,7 @@ class Handlers:
             case Expression():
                 return self.remove_metric(item, t)
 
-    def remove_goal(self, goal: Goal, t: int | None) -> Violations:
+    def remove_goal(self, goal: Goal, t: int) -> Violations:
         """Remove a part of the goal."""
         match goal:
             case Fact():
@@ -237,16 +230,16 @@ class Handlers:
             case Condition():
                 return self._remove_condition(goal.text, t)
 
-    def remove_metric(self, item: KnowledgeItem | None, t: int | None) -> Violations:
+    def remove_metric(self, item: KnowledgeItem | None, t: int) -> Violations:
         """Remove the metric, if it is the one that is given."""
         if item is not None and not isinstance(item, Expression):
             return [f"{item} is not a metric; write one like: minimize (total-time)"]
         if item is not None and item.expr.tokens:
-            violations = naming(item, self._validator.symbols(from_composite(item.expr)))
+            violations = naming(item, symbol_violations(self.resolver, from_composite(item.expr)))
             if violations:
                 return violations
-        track = self._change_set.known(Identity(Role.STATE, KnowledgeType.EXPRESSION, METRIC_KEY))
-        if track is None:
+        state = self._change_set.find(Identity(Role.STATE, KnowledgeType.EXPRESSION, METRIC_KEY))
+        if state is None:
             return _NONE
 
         def matches(value: Value) -> bool:
@@ -255,97 +248,95 @@ class Handlers:
             text = key(expression_text(from_composite(item.expr))) if item.expr.tokens else ""
             return item.optimization in ("", value[1]) and text in ("", key(value[2]))
 
-        self._take_away([track], matches, t)
+        self._remove_matching([state], matches, t)
         return _NONE
 
-    def _remove_atoms(self, item: Fact | Function, kind: KnowledgeType, role: Role, t: int | None) -> Violations:
+    def _remove_atoms(self, item: Fact | Function, kind: KnowledgeType, role: Role, t: int) -> Violations:
         if is_wildcard(item.attribute_name):
             return [f"{item}: a removal names its predicate or function; clear() removes everything"]
         try:
             name, arguments = self._symbols.ordered(kind, item.attribute_name, item.arguments, item.labels)
         except KbStoreError as error:
             return violations_of(error, item)
-        wanted = (key(name), *map(key, arguments))
+        pattern = (key(name), *map(key, arguments))
         domain = self._symbols.domain
         if role is Role.STATE and domain is not None and domain.is_derived(name):
             return [f"{item}: {name} is derived by the domain's rules; remove what it is derived from"]
         negative = item.is_negative
-        self._take_away(
-            self._matching(role, kind, wanted, t),
+        self._remove_matching(
+            self._matching(role, kind, pattern, t),
             (lambda value: bool(value[0]) == negative) if kind is KnowledgeType.FACT else (lambda value: True),
             t,
         )
         return _NONE
 
-    def _matching(self, role: Role, kind: KnowledgeType, wanted: Sequence[str], t: int | None) -> list[TimelineState]:
-        """The tracks that match a pattern, and on which something stands or is scheduled."""
-        if not any(map(is_wildcard, wanted)):
-            track = self._change_set.known(Identity(role, kind, atom_key(wanted)))
-            return [] if track is None else [track]
+    def _matching(self, role: Role, kind: KnowledgeType, pattern: Sequence[str], t: int) -> list[TimelineState]:
+        """The timelines that match a pattern, and on which something holds now, or is scheduled."""
+        if not any(map(is_wildcard, pattern)):
+            state = self._change_set.find(Identity(role, kind, atom_key(pattern)))
+            return [] if state is None else [state]
         position = LogPosition(self._now)
-        there = self._repository.scheduled_at(kind, position) if t else self._repository.state_at(kind, position)
+        read = self._repository.scheduled_at if t > self._now else self._repository.state_at
 
         def matches(role_of: Role, keys: Sequence[str]) -> bool:
             return (
                 role_of is role
-                and len(keys) == len(wanted)
-                and all(is_wildcard(pattern) or pattern == name for pattern, name in zip(wanted, keys, strict=True))
+                and len(keys) == len(pattern)
+                and all(is_wildcard(part) or part == name for part, name in zip(pattern, keys, strict=True))
             )
 
-        found = {timeline.id: timeline for timeline, *_ in there if matches(timeline.role, timeline.keys)}
-        self._change_set.loaded(found.values())
+        stored = {
+            timeline.id: timeline for timeline, *_ in read(kind, position) if matches(timeline.role, timeline.keys)
+        }
+        self._change_set.loaded(stored.values())
         return [
-            track
-            for track in self._change_set.all_tracks()
-            if track.timeline.kind is kind and matches(track.timeline.role, track.timeline.keys)
+            state
+            for state in self._change_set.states()
+            if state.timeline.kind is kind and matches(state.timeline.role, state.timeline.keys)
         ]
 
-    def _remove_inequality(self, item: Inequality, role: Role, t: int | None) -> Violations:
+    def _remove_inequality(self, item: Inequality, role: Role, t: int) -> Violations:
         try:
             formula = condition_of(item.changed(is_negative=False), self._symbols.domain)
             check(formula, self._symbols.domain)
         except KbStoreError as error:
             return violations_of(error, item)
-        track = self._change_set.known(Identity(role, KnowledgeType.INEQUALITY, key(condition_text(formula))))
-        if track is not None:
-            self._take_away([track], lambda value: bool(value[0]) == item.is_negative, t)
+        state = self._change_set.find(Identity(role, KnowledgeType.INEQUALITY, key(condition_text(formula))))
+        if state is not None:
+            self._remove_matching([state], lambda value: bool(value[0]) == item.is_negative, t)
         return _NONE
 
-    def _remove_condition(self, text: str, t: int | None) -> Violations:
+    def _remove_condition(self, text: str, t: int) -> Violations:
         try:
             formula = parse_condition(text, self._symbols.domain)
         except KbStoreError as error:
             return violations_of(error, text)
-        track = self._change_set.known(Identity(Role.GOAL, KnowledgeType.EXPRESSION, key(condition_text(formula))))
-        if track is not None:
-            self._take_away([track], lambda value: True, t)
+        state = self._change_set.find(Identity(Role.GOAL, KnowledgeType.EXPRESSION, key(condition_text(formula))))
+        if state is not None:
+            self._remove_matching([state], lambda value: True, t)
         return _NONE
 
-    def _take_away(self, tracks: Iterable[TimelineState], matches: Callable[[Value], bool], t: int | None) -> None:
-        """End what stands, or cancel what is scheduled for `t`, where it matches (rules C4, C5)."""
-        for track in tracks:
-            value = track.value if t is None else track.ahead.get(t)
-            if value is None or not matches(value):
-                continue
-            if t is None:
-                self._change_set.end(track, EndCause.REMOVED)
-            else:
-                self._change_set.cancel(track, t)
+    def _remove_matching(self, states: Iterable[TimelineState], matches: Callable[[Value], bool], t: int) -> None:
+        """End what holds, or cancel what is scheduled for `t`, where it matches (rules C4, C5)."""
+        for state in states:
+            value = self._change_set.value_at(state, t)
+            if value is not None and matches(value):
+                self._change_set.take(state, t, EndCause.REMOVED)
 
     # -- everything -------------------------------------------------------------------------------------------
 
     def clear(self) -> None:
         """End everything that stands, and cancel everything scheduled (rule C12)."""
-        for track in self.everything():
-            if track.value is not None:
-                self._change_set.end(track, EndCause.CLEARED)
-            for t in list(track.ahead):
-                self._change_set.cancel(track, t)
+        for state in self.everything():
+            if state.value is not None:
+                self._change_set.take(state, self._now, EndCause.CLEARED)
+            for t in list(state.ahead):
+                self._change_set.take(state, t, EndCause.CLEARED)
 
     def everything(self) -> list[TimelineState]:
-        """The tracks of all that stands or is scheduled."""
+        """The timelines of everything that holds or is scheduled."""
         position = LogPosition(self._now)
         for kind in KnowledgeType:
-            there = [*self._repository.state_at(kind, position), *self._repository.scheduled_at(kind, position)]
-            self._change_set.loaded({timeline.id: timeline for timeline, *_ in there}.values())
-        return list(self._change_set.all_tracks())
+            rows = [*self._repository.state_at(kind, position), *self._repository.scheduled_at(kind, position)]
+            self._change_set.loaded({timeline.id: timeline for timeline, *_ in rows}.values())
+        return list(self._change_set.states())

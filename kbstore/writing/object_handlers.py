@@ -1,4 +1,4 @@
-"""What updates of objects do to a transaction's draft (rules C6, C8, C9)."""
+"""Command handlers for objects: what their updates do to a transaction's change set (rules C6, C8, C9)."""
 
 from collections.abc import Callable, Iterable, Sequence
 from itertools import pairwise
@@ -6,15 +6,13 @@ from itertools import pairwise
 from kbstore import names
 from kbstore.clock import isoformat
 from kbstore.messages import Instance, KnowledgeType
-from kbstore.model.symbols import SymbolTable
 from kbstore.model.timelines import EndCause
 from kbstore.names import is_wildcard, key
 from kbstore.storage.repository import Repository
-from kbstore.writing.change_set import ChangeSet, TimelineState
+from kbstore.writing.change_set import ChangeSet
 from kbstore.writing.lifespans import Lifespan
-from kbstore.writing.validation import Validator
-
-Violations = Sequence[str]
+from kbstore.writing.resolution import Resolver, Violations
+from kbstore.writing.timeline_state import TimelineState
 
 
 class ObjectHandlers:
@@ -22,18 +20,17 @@ class ObjectHandlers:
 
     def __init__(
         self,
-        draft: ChangeSet,
+        change_set: ChangeSet,
         repository: Repository,
-        validator: Validator,
-        symbol_table: SymbolTable,
+        resolver: Resolver,
         on_removed: Callable[[str], None],
     ) -> None:
-        self._change_set = draft
+        self._change_set = change_set
         self._repository = repository
-        self._validator = validator
-        self._symbols = symbol_table
+        self._resolver = resolver
+        self._domain = resolver.domain
         self._on_removed_object = on_removed
-        self._now = draft.now
+        self._now = change_set.now
 
     def add(self, item: Instance, t: int) -> Violations:
         """Add an object from `t` on, which is not before now; a negative item ends it."""
@@ -41,40 +38,39 @@ class ObjectHandlers:
         violations = self._instance_violations(item)
         if violations:
             return violations
-        track = self._validator.object_track(name)
+        state = self._resolver.object(name)
         if item.is_negative and t == self._now:
-            return self.remove(item.changed(is_negative=False), [track], None)
-        type_name = self._type_spelling(track, type_name)
-        before = self._change_set.lifespans(track)
+            return self.remove(item.changed(is_negative=False), [state], t)
+        type_name = self._type_spelling(state, type_name)
+        before = self._change_set.lifespans(state)
         if item.is_negative:
             standing = next((e.type_name for e in before if e.start < t <= e.end), None)
             if standing is not None and item.instance_type and key(standing) != key(type_name):
                 return ()
-            self._change_set.schedule(track, t, (True, standing or type_name))
+            self._change_set.put(state, (True, standing or type_name), t)
         elif t == self._now:
-            value = track.value
+            value = state.value
             if value is not None and not value[0]:
                 if key(value[1]) == key(type_name):
                     return ()
                 return [f"{item}: {name} exists with the type {value[1]}; remove it first, or use another name"]
-            ended = self._ended_now(track)
+            ended = self._ended_now(state)
             if ended is not None and key(ended) != key(type_name):
                 return [_meeting(name, Lifespan(0, t, ended), Lifespan(t, t, type_name))]
-            self._change_set.set(track, (False, type_name))
-        else:
-            self._change_set.schedule(track, t, (False, type_name))
-        return self._settled_object(track, before)
+        if not item.is_negative:
+            self._change_set.put(state, (False, type_name), t)
+        return self._settled_object(state, before)
 
-    def _type_spelling(self, track: TimelineState, type_name: str) -> str:
+    def _type_spelling(self, state: TimelineState, type_name: str) -> str:
         """The type as the domain writes it; without one, as it was first written of the object (rule D3)."""
-        if self._symbols.domain is not None:
-            return self._symbols.domain.type_spelling(type_name)
-        stored = [row.value for row in (track.latest, *track.stored_ahead.values()) if row is not None]
-        written = [value[1] for value in (*stored, track.value, *track.ahead.values()) if value is not None]
+        if self._domain is not None:
+            return self._domain.type_spelling(type_name)
+        stored = [row.value for row in (state.latest, *state.stored_ahead.values()) if row is not None]
+        written = [value[1] for value in (*stored, state.value, *state.ahead.values()) if value is not None]
         return next((str(spelling) for spelling in written if key(spelling) == key(type_name)), type_name)
 
     def _instance_violations(self, item: Instance) -> Violations:
-        name, domain = item.instance_name, self._symbols.domain
+        name, domain = item.instance_name, self._domain
         violations = []
         wrong = names.problem(name)
         if wrong:
@@ -82,7 +78,7 @@ class ObjectHandlers:
         type_name = item.instance_type
         if domain is not None:
             if domain.constant_spelling(name) is not None:
-                violations.append(f"{item}: {name} is a constant of the domain: it always exists, whatever is said")
+                violations.append(f"{item}: {name} is a constant of the domain: it always exists")
             if not domain.knows_type(type_name or "object"):
                 known = ", ".join(domain.types) or "object"
                 violations.append(f"{item}: the domain {domain.name} has no type {type_name}; it has {known}")
@@ -90,34 +86,34 @@ class ObjectHandlers:
             violations.append(f"{item}: the type name {type_name!r:.60} {wrong}")
         return violations
 
-    def _ended_now(self, track: TimelineState) -> str | None:
+    def _ended_now(self, state: TimelineState) -> str | None:
         """The type with which an object existed until exactly now, if it did."""
-        latest = track.latest
+        latest = state.latest
         if latest is not None and latest.initial_time == self._now:
-            start = self._repository.latest_start(track.timeline, self._now - 1)
-            rows = self._repository.history(KnowledgeType.INSTANCE, [track.timeline], start, self._now)
+            start = self._repository.latest_start(state.timeline, self._now - 1)
+            rows = self._repository.history(KnowledgeType.INSTANCE, [state.timeline], start, self._now)
             kept = [row for row in rows if row.end_time == self._now and row.initial_time < self._now]
             return None if not kept or kept[-1].value[0] else str(kept[-1].value[1])
         if latest is None or latest.value[0]:
             return None
-        ends_now = latest.end_time == self._now or (latest.end_time > self._now and track.value is None)
+        ends_now = latest.end_time == self._now or (latest.end_time > self._now and state.value is None)
         return str(latest.value[1]) if ends_now else None
 
-    def _settled_object(self, track: TimelineState, before: Sequence[Lifespan]) -> Violations:
+    def _settled_object(self, state: TimelineState, before: Sequence[Lifespan]) -> Violations:
         """Carry through what a change of an object's existence means for others, or take it back (rules C6, C9)."""
-        after = self._change_set.lifespans(track)
+        after = self._change_set.lifespans(state)
         for earlier, later in pairwise(after):
             if earlier.end == later.start:
-                return [_meeting(track.timeline.spelling, earlier, later)]
-        self._change_set.drop_mentions(track, before, EndCause.OBJECT)
+                return [_meeting(state.timeline.spelling, earlier, later)]
+        self._change_set.drop_mentions(state, before, EndCause.OBJECT)
         existed = bool(before) and before[0].start == self._now
         if existed and not (after and after[0].start == self._now):
-            self._on_removed_object(track.timeline.key)
+            self._on_removed_object(state.timeline.key)
         return ()
 
-    def remove(self, item: Instance, tracks: Iterable[TimelineState], t: int | None) -> Violations:
+    def remove(self, item: Instance, states: Iterable[TimelineState], t: int) -> Violations:
         """Remove objects, or cancel what is scheduled for them at `t`, where they are as the item says."""
-        domain = self._symbols.domain
+        domain = self._domain
         if domain is not None:
             if item.instance_type and not domain.knows_type(item.instance_type):
                 known = ", ".join(domain.types) or "object"
@@ -126,22 +122,19 @@ class ObjectHandlers:
                 return [f"{item}: {item.instance_name} is a constant of the domain, which cannot be removed"]
         if is_wildcard(item.instance_name) and not item.instance_type:
             return [f"{item}: a removal names its object or its type; clear() removes everything"]
-        for track in tracks:
-            value = track.value if t is None else track.ahead.get(t)
+        for state in states:
+            value = self._change_set.value_at(state, t)
             if value is None or bool(value[0]) != item.is_negative or not self._of_type(item, value[1]):
                 continue
-            before = self._change_set.lifespans(track)
-            if t is None:
-                self._change_set.end(track, EndCause.REMOVED)
-            else:
-                self._change_set.cancel(track, t)
-            violations = self._settled_object(track, before)
+            before = self._change_set.lifespans(state)
+            self._change_set.take(state, t, EndCause.REMOVED)
+            violations = self._settled_object(state, before)
             if violations:
                 return violations
         return ()
 
     def _of_type(self, item: Instance, type_name: str) -> bool:
-        domain = self._symbols.domain
+        domain = self._domain
         if is_wildcard(item.instance_name) and domain is not None:
             return domain.is_subtype(type_name, [item.instance_type])
         return not item.instance_type or key(item.instance_type) == key(type_name)

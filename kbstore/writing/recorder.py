@@ -8,7 +8,8 @@ from kbstore.storage import queries
 from kbstore.storage.connection import StoreConnection
 from kbstore.storage.interval_tree import level, node
 from kbstore.storage.repository import Head
-from kbstore.writing.change_set import RowChanges, TimelineState
+from kbstore.writing.change_set import RowChanges
+from kbstore.writing.timeline_state import TimelineState
 
 
 class Recorder:

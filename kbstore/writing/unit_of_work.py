@@ -1,19 +1,19 @@
-"""The one path for writing: a transaction takes the write lock and now, collects updates, and stores them at once."""
+"""Unit of work: a transaction takes the write lock and reads now, collects updates, and stores them at once."""
 
 import json
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import AbstractContextManager, ExitStack, nullcontext
 from types import TracebackType
-from typing import Self
+from typing import Self, TypeVar
 
 from kbstore.clock import time
 from kbstore.errors import Conflict, InvalidKnowledge, KbStoreError
 from kbstore.evaluation.snapshot import Snapshot, StateRow
-from kbstore.messages import Condition, KnowledgeItem, KnowledgeType, UpdateType
+from kbstore.messages import KnowledgeType, UpdateType
 from kbstore.messages.bulk import gc_paused
 from kbstore.model.domain import Domain
 from kbstore.model.results import Applicability, Run, Transaction
-from kbstore.model.symbols import SymbolTable
+from kbstore.model.symbols import InferredSignature, SymbolTable
 from kbstore.model.timelines import Identity, Role, Timeline
 from kbstore.pddl.domain_reader import read_domain
 from kbstore.pddl.problem_reader import read_problem
@@ -24,20 +24,22 @@ from kbstore.reading.state import State
 from kbstore.reading.state_data import StateData
 from kbstore.storage.connection import StoreConnection
 from kbstore.storage.repository import LogPosition, Repository
-from kbstore.writing.action_executor import ActionExecutor
+from kbstore.writing.action_executor import ActionExecutor, applicability
 from kbstore.writing.change_set import ChangeSet
 from kbstore.writing.compatibility import violations
 from kbstore.writing.handlers import Handlers
-from kbstore.writing.prefetch import Prefetch
 from kbstore.writing.recorder import Recorder
-from kbstore.writing.updates import GOAL_UPDATES, Update, failing, items_of, problem_updates, read_update
+from kbstore.writing.resolution import Violations
+from kbstore.writing.updates import Batch, Item, Step, goals_in, items_in, problem_batch
 
 TOLERANCE = 1_000_000_000
 """How far a clock may be behind the latest recorded time, in nanoseconds (rule T3)."""
 
+Result = TypeVar("Result")
+
 
 class OpenTransaction:
-    """A transaction under way, from `KnowledgeBase.transaction`: a context manager.
+    """An open transaction, from `KnowledgeBase.transaction`: a context manager.
 
     Its updates apply in order, at one and the same now. Leaving the block stores them; leaving it by an exception
     stores nothing. `result` is the `Transaction` afterwards.
@@ -64,7 +66,6 @@ class OpenTransaction:
         self._tolerance = tolerance
         self._is_whole = True
         self._is_open = False
-        self._new_timelines: list[Timeline] = []
         self._guard = guard
         self._contexts = ExitStack()
 
@@ -96,14 +97,14 @@ class OpenTransaction:
         self._executor = ActionExecutor(
             self._change_set, reader.running(self._repository, LogPosition(self.now), self._head), self._head.last_run
         )
-        self._use_vocabulary(self._symbols)
+        self._use_symbols(self._symbols)
 
-    def _use_vocabulary(self, symbol_table: SymbolTable) -> None:
-        self._symbols = symbol_table
+    def _use_symbols(self, symbols: SymbolTable) -> None:
+        self._symbols = symbols
         self._handlers = Handlers(
             self._change_set,
             self._repository,
-            symbol_table if self._validate else SymbolTable(None, {}),
+            symbols if self._validate else SymbolTable(None, {}),
             self._executor.abort_with,
         )
 
@@ -114,21 +115,22 @@ class OpenTransaction:
         if kind is not None:
             self._contexts.__exit__(kind, error, trace)
             return
-        # what goes wrong in storing rolls back, as what goes wrong in the block
+        # an error in storing rolls back, like one in the block
         with self._contexts, gc_paused():
-            self._store()
-        for timeline in self._new_timelines:
+            self.result, new_timelines = self._store()
+        for timeline in new_timelines:
             self._reader.cache.put(timeline)
 
-    def _require_open(self) -> None:
-        """Refuse what comes before or after the block: it would be lost in silence."""
+    def _open_handlers(self) -> Handlers:
+        """The handlers, inside the block only: updates before or after it would be lost in silence."""
         if not self._is_open:
             raise Conflict("a transaction is used inside its block only; begin one: with kb.transaction() as tx: ...")
+        return self._handlers
 
     # -- storing ----------------------------------------------------------------------------------------------
 
-    def _store(self) -> None:
-        """Write what the draft comes to; what changes nothing takes no number (rule C1)."""
+    def _store(self) -> tuple[Transaction, Sequence[Timeline]]:
+        """Write the changes, if there are any (rule C1). Returns the transaction, and the timelines that are new."""
         if not self._is_whole:
             raise InvalidKnowledge("a load has failed half-way in this transaction; nothing of it has been stored")
         self._change_set.contributions = self._executor.contributions()
@@ -137,8 +139,7 @@ class OpenTransaction:
         has_domain = domain is not None and domain is not self._domain
         changes = writes.changes + has_domain + self._executor.changes
         if not changes:
-            self.result = Transaction(self._head.number, self.now, self._client, self._note, 0)
-            return
+            return Transaction(self._head.number, self.now, self._client, self._note, 0), ()
         recorder = Recorder(self._session, self._reader.kb, self._number, self.now)
         head = self._head._replace(last_run=self._executor.last_run)
         if domain is not None and has_domain:
@@ -150,117 +151,103 @@ class OpenTransaction:
                 recorder.symbol(int(kind), name_key, shape.name, shape.labels or (), shape.arity)
         with self._session.together():
             recorder.transaction(head, changes, self._client, self._note)
-            self._new_timelines = recorder.write(writes)
+            new_timelines = recorder.write(writes)
             self._executor.write(recorder)
-        self.result = Transaction(self._number, self.now, self._client, self._note, changes)
+        return Transaction(self._number, self.now, self._client, self._note, changes), new_timelines
 
-    def _apply(self, updates: Iterable[Update]) -> None:
-        """Do updates one after another, or none of them; all violations are reported together (rule D1)."""
-        with gc_paused():
-            self._apply_all(updates)
-
-    def _apply_all(self, updates: Iterable[Update]) -> None:
+    def _apply(self, steps: Iterable[Step]) -> None:
+        """Take steps one after another, or none of them; report all violations together (rule D1)."""
         self._change_set.savepoint()
         shapes = dict(self._symbols.shapes)
         violations: list[str] = []
         other: KbStoreError | None = None
-        for update in updates:
+        for step in steps:
             try:
-                violations += update()
+                violations += step()
             except InvalidKnowledge as error:
                 violations += error.violations
             except KbStoreError as error:
                 other = other or error
-        if violations or other is not None:
-            self._change_set.roll_back()
-            self._symbols.shapes.clear()
-            self._symbols.shapes.update(shapes)
-            raise InvalidKnowledge(*dict.fromkeys(violations)) if violations else other  # type: ignore[misc]
+        failure = InvalidKnowledge(*dict.fromkeys(violations)) if violations else other
+        if failure is not None:
+            self._roll_back(shapes)
+            raise failure
+
+    def _roll_back(self, shapes: dict[tuple[KnowledgeType, str], InferredSignature]) -> None:
+        """Take back what has been changed since the savepoint."""
+        self._change_set.roll_back()
+        self._symbols.shapes.clear()
+        self._symbols.shapes.update(shapes)
 
     # -- updates ----------------------------------------------------------------------------------------------
 
     def add(self, *items: object, initial_time: object = None) -> None:
         """Add knowledge to the state; `initial_time` counts for items without one of their own."""
-        self.update([(UpdateType.ADD_KNOWLEDGE, item) for item in items], initial_time=initial_time)
+        self._update(Role.STATE, items_in, self._open_handlers().add, items, initial_time)
 
     def remove(self, *items: object, initial_time: object = None) -> None:
-        """Remove what stands and matches; with a time after now, cancel what is scheduled for it."""
-        self.update([(UpdateType.REMOVE_KNOWLEDGE, item) for item in items], initial_time=initial_time)
+        """Remove what holds and matches; with a time after now, cancel what is scheduled for it."""
+        self._update(Role.STATE, items_in, self._open_handlers().remove, items, initial_time)
 
     def add_goal(self, *goals: object, initial_time: object = None) -> None:
         """Add to the goal; a conjunction is split into its parts."""
-        self.update([(UpdateType.ADD_GOAL, goal) for goal in goals], initial_time=initial_time)
+        self._update(Role.GOAL, goals_in, self._open_handlers().add_goal, goals, initial_time)
 
     def remove_goal(self, *goals: object, initial_time: object = None) -> None:
         """Remove from the goal."""
-        self.update([(UpdateType.REMOVE_GOAL, goal) for goal in goals], initial_time=initial_time)
+        self._update(Role.GOAL, goals_in, self._open_handlers().remove_goal, goals, initial_time)
 
     def add_metric(self, *metrics: object, initial_time: object = None) -> None:
         """Set the metric."""
-        self.update([(UpdateType.ADD_METRIC, metric) for metric in metrics], initial_time=initial_time)
+        self._update(Role.STATE, items_in, self._open_handlers().add_metric, metrics, initial_time)
 
     def remove_metric(self, *metrics: object, initial_time: object = None) -> None:
         """Remove the metric; if one is given, only if it is that one."""
-        self._require_open()
-        if not metrics:
-            t = _time(initial_time)
-            self._apply([lambda: self._handlers.remove_metric(None, t if t > self.now else None)])
-        self.update([(UpdateType.REMOVE_METRIC, metric) for metric in metrics], initial_time=initial_time)
+        if metrics:
+            self._update(Role.STATE, items_in, self._open_handlers().remove_metric, metrics, initial_time)
+            return
+        handlers, t = self._open_handlers(), max(_time(initial_time), self.now)
+        self._apply([lambda: handlers.remove_metric(None, t)])
+
+    def _update(
+        self,
+        role: Role,
+        read: Callable[[object, SymbolTable], Sequence[Item]],
+        handler: Callable[[Item, int], Violations],
+        given: Iterable[object],
+        initial_time: object,
+    ) -> None:
+        """Read everything that is given, and let a handler take it, all or nothing."""
+        batch = Batch(self.now, _time(initial_time))
+        with gc_paused():
+            for knowledge in given:
+                batch.read(role, read, handler, knowledge, self._symbols)
+            self._apply_batch(batch)
 
     def update(self, updates: Iterable[tuple[UpdateType | int, object]], *, initial_time: object = None) -> None:
         """Do several updates, in order, all or none."""
-        self._require_open()
-        t = _time(initial_time)
+        handlers = self._open_handlers()
+        batch = Batch(self.now, _time(initial_time))
         with gc_paused():
-            self._apply(self._preloaded(updates, t))
+            for update in updates:
+                batch.read_update(update, handlers, self._symbols)
+            self._apply_batch(batch)
+
+    def _apply_batch(self, batch: Batch) -> None:
+        for role, items in batch.items.items():
+            self._change_set.prefetch(role, items)
+        self._apply(batch.steps)
 
     def clear(self) -> None:
-        """End everything that stands, cancel everything scheduled, abort what runs (rule C12)."""
-        self._require_open()
-        self._handlers.clear()
+        """End everything that holds, cancel everything scheduled, abort what runs (rule C12)."""
+        self._open_handlers().clear()
         self._executor.abort_all()
-
-    def _preloaded(self, updates: Iterable[tuple[UpdateType | int, object]], t: int) -> Iterable[Update]:
-        """The updates as what does them; the timelines that they touch are read at once."""
-        read: list[Update] = []
-        wanted = Prefetch()
-        for update in updates:
-            knowledge: object = update
-            try:
-                kind, knowledge = read_update(update)
-                items = items_of(kind, knowledge, self._symbols)
-            except KbStoreError as error:
-                read.append(failing(knowledge, error))
-                continue
-            role = Role.GOAL if kind in GOAL_UPDATES else Role.STATE
-            for item in items:
-                wanted.note(role, item)
-                read.append(self._update(kind, item, item.initial_time or t))
-        wanted.load(self._change_set)
-        return read
-
-    def _update(self, kind: UpdateType, item: KnowledgeItem | Condition, t: int) -> Update:
-        editor = self._handlers
-        later = t if t > self.now else None
-        match kind:
-            case UpdateType.ADD_KNOWLEDGE:
-                return lambda: editor.add(item, t)  # type: ignore[arg-type]
-            case UpdateType.REMOVE_KNOWLEDGE:
-                return lambda: editor.remove(item, later)  # type: ignore[arg-type]
-            case UpdateType.ADD_GOAL:
-                return lambda: editor.add_goal(item, t)  # type: ignore[arg-type]
-            case UpdateType.REMOVE_GOAL:
-                return lambda: editor.remove_goal(item, later)  # type: ignore[arg-type]
-            case UpdateType.ADD_METRIC:
-                return lambda: editor.add_metric(item, t)  # type: ignore[arg-type]
-            case UpdateType.REMOVE_METRIC:
-                return lambda: editor.remove_metric(item, later)  # type: ignore[arg-type]
 
     # -- domains and problems ---------------------------------------------------------------------------------
 
     def load(self, domain: object = None, problem: object = None, *, replace: bool = False) -> None:
         """Load a domain, and a problem: paths, or PDDL text. `replace` clears first (rules D4, P3)."""
-        self._require_open()
+        self._open_handlers()
         self._is_whole = False
         with gc_paused():
             self._load(domain, problem, replace=replace)
@@ -274,11 +261,7 @@ class OpenTransaction:
         if loaded is not None and domain is not None:
             self.set_domain(self._marked(loaded))
         if read is not None:
-            wanted = Prefetch()
-            for item in (*read.instances, *read.init):
-                wanted.note(Role.STATE, item)
-            wanted.load(self._change_set)
-            self._apply(problem_updates(read, self.now, self._update, self._handlers.add_constraint))
+            self._apply_batch(problem_batch(read, self._handlers, self.now))
 
     def _marked(self, domain: Domain) -> Domain:
         """The domain with the marks of what is sensed that the one before had."""
@@ -297,11 +280,11 @@ class OpenTransaction:
             wrong = violations(domain, self._change_set, self._handlers.everything(), self._executor.running)
             if wrong:
                 raise InvalidKnowledge(*wrong)
-        self._use_vocabulary(SymbolTable(domain))
+        self._use_symbols(SymbolTable(domain))
 
     def set_sensed(self, name: str, sensed: bool) -> None:
         """Mark a predicate as sensed, or not; a new version of the domain."""
-        self._require_open()
+        self._open_handlers()
         domain = self._symbols.domain
         if domain is None:
             raise InvalidKnowledge(f"{name} cannot be marked as sensed without a domain; load one first")
@@ -312,51 +295,41 @@ class OpenTransaction:
 
     def applicable(self, operator: str, *arguments: str) -> Applicability:
         """Whether an operator can be applied to the state as the transaction has it (rule O1)."""
-        return self._executor.applicable(self.state(), operator, arguments)
+        return applicability(self.state(), operator, arguments)
 
     def apply(self, operator: str, *arguments: str) -> None:
         """Do the whole of an instantaneous action (rules O2, O3)."""
-        self._together(lambda: self._executor.apply(self.state(), self._handlers, operator, arguments))
+        self._act(lambda: self._executor.apply(self.state(), self._handlers, operator, arguments))
 
     def start(self, operator: str, *arguments: str, duration: object = None) -> Run:
         """Start a durative action: its at-start effects, and its continuous ones begin."""
-        runs: list[Run] = []
-
-        def start() -> None:
-            runs.append(self._executor.start(self.state(), self._handlers, operator, arguments, duration))
-
-        self._together(start)
-        return runs[0]
+        return self._act(lambda: self._executor.start(self.state(), self._handlers, operator, arguments, duration))
 
     def end(self, run: Run) -> Applicability:
         """End a durative action: its at-end effects. Returns the at-end conditions that fail."""
-        ended: list[Applicability] = []
-        self._together(lambda: ended.append(self._executor.end(self.state(), self._handlers, run)))
-        return ended[0]
+        return self._act(lambda: self._executor.end(self.state(), self._handlers, run))
 
     def abort(self, run: Run) -> None:
         """Abort a durative action: only its continuous effects stop."""
-        self._together(lambda: self._executor.abort(run))
+        self._act(lambda: self._executor.abort(run))
 
-    def _together(self, act: Callable[[], None]) -> None:
-        self._require_open()
-        copy = self._executor.copy()
-
-        def update() -> Sequence[str]:
-            act()
-            return ()
-
+    def _act(self, act: Callable[[], Result]) -> Result:
+        """Do what an operator does, all of it or nothing."""
+        self._open_handlers()
+        self._change_set.savepoint()
+        runs, shapes = self._executor.copy(), dict(self._symbols.shapes)
         try:
-            self._apply([update])
+            return act()
         except KbStoreError:
-            self._executor.restore(copy)
+            self._executor.restore(runs)
+            self._roll_back(shapes)
             raise
 
     # -- the state as the transaction has it ------------------------------------------------------------------
 
     def state(self) -> State:
         """The state at the transaction's now, with what it has written itself."""
-        self._require_open()
+        self._open_handlers()
         position = LogPosition(self.now)
         self._change_set.contributions = self._executor.contributions()
         rows: dict[Identity, StateRow] = {}
@@ -366,8 +339,8 @@ class OpenTransaction:
             pending |= {(row[0].identity, row[1]): row for row in self._repository.scheduled_at(kind, position)}
         self._change_set.overlay(rows, pending)
         snapshot = Snapshot(self.now, list(rows.values()), self._symbols.domain, self._reader.use_unknowns)
-        picture = StateData(snapshot, list(pending.values()), self._executor.running)
-        return self._reader.state_of(picture, self._symbols)
+        data = StateData(snapshot, list(pending.values()), self._executor.running)
+        return self._reader.state_of(data, self._symbols)
 
     def holds(self, question: Question) -> bool:
         """Whether a fact or condition is true in the state as the transaction has it."""

@@ -1,102 +1,160 @@
-"""What is given to a transaction, as updates that its editor does one after another."""
+"""Updates as given by a caller, read into steps that a transaction takes one after another."""
 
+from collections import defaultdict
 from collections.abc import Callable, Sequence
 from functools import partial
+from typing import TypeVar
 
 from kbstore.errors import InvalidKnowledge, KbStoreError, UnknownSymbol
 from kbstore.messages import Condition, Fact, Function, Goal, Inequality, KnowledgeItem, UpdateType
 from kbstore.model.symbols import SymbolTable
+from kbstore.model.timelines import Role
 from kbstore.pddl.parse import condition_of, goals_of
 from kbstore.pddl.problem_reader import Problem
 from kbstore.reading.questions import as_condition, as_item
+from kbstore.writing.handlers import Handlers
+from kbstore.writing.resolution import Violations
 
-GOAL_UPDATES = (UpdateType.ADD_GOAL, UpdateType.REMOVE_GOAL)
+Step = Callable[[], Violations]
+"""One update of the change set; returns its violations."""
 
-Update = Callable[[], Sequence[str]]
-"""Does one update to the draft; returns its violations."""
-
-
-def read_update(update: object) -> tuple[UpdateType, object]:
-    """An update as it was given: its kind, and what it tells. Raises `InvalidKnowledge` for anything else."""
-    try:
-        kind, knowledge = update  # type: ignore[misc]
-        return UpdateType(kind), knowledge  # type: ignore[has-type]
-    except (TypeError, ValueError):
-        kinds = ", ".join(f"{known.name} {known.value}" for known in UpdateType)
-        raise InvalidKnowledge(
-            f"{update!r:.100} is no update; give pairs like (UpdateType.ADD_KNOWLEDGE, '(visited wp7)'), "
-            f"the first of them one of {kinds}"
-        ) from None
+Item = TypeVar("Item", KnowledgeItem, Goal)
 
 
-def items_of(kind: UpdateType, knowledge: object, symbol_table: SymbolTable) -> Sequence[KnowledgeItem | Condition]:
-    """The items that are meant by what was given; of a goal that is a conjunction, its parts (rule C10)."""
-    return _goals(knowledge, symbol_table) if kind in GOAL_UPDATES else [as_item(knowledge, symbol_table)]
+class Batch:
+    """Steps in the order of the updates given, and the items in them, whose timelines can be loaded at once."""
+
+    def __init__(self, now: int, initial_time: int = 0) -> None:
+        self.steps: list[Step] = []
+        self.items: dict[Role, list[KnowledgeItem | Condition]] = defaultdict(list)
+        self._now = now
+        self._initial_time = initial_time
+
+    def add(
+        self,
+        role: Role,
+        items: Sequence[Item],
+        handler: Callable[[Item, int], Violations],
+        *,
+        times: Sequence[int] = (),
+        place: Callable[[int], str] | None = None,
+    ) -> None:
+        """Let a handler take items, each at its time; a time that is not after now is now (rule T4).
+
+        `times` counts instead of the items' own; `place` says where in a file an item is, for its violations.
+        """
+        self.items[role] += items
+        for index, item in enumerate(items):
+            t = times[index] if times else item.initial_time or self._initial_time
+            step = partial(handler, item, max(t, self._now))
+            self.steps.append(step if place is None else partial(_placed, step, place, index))
+
+    def read(
+        self,
+        role: Role,
+        read: Callable[[object, SymbolTable], Sequence[Item]],
+        handler: Callable[[Item, int], Violations],
+        given: object,
+        symbols: SymbolTable,
+    ) -> None:
+        """The same for what a caller gave, once it is read; what cannot be read fails in its turn."""
+        try:
+            items = read(given, symbols)
+        except KbStoreError as error:
+            self.steps.append(partial(_fail, given, error))
+            return
+        self.add(role, items, handler)
+
+    def read_update(self, update: object, handlers: Handlers, symbols: SymbolTable) -> None:
+        """The same for a pair of an `UpdateType` and what it tells."""
+        try:
+            kind, given = _kind_and_knowledge(update)
+        except KbStoreError as error:
+            self.steps.append(partial(_fail, update, error))
+            return
+        match kind:
+            case UpdateType.ADD_KNOWLEDGE:
+                self.read(Role.STATE, items_in, handlers.add, given, symbols)
+            case UpdateType.REMOVE_KNOWLEDGE:
+                self.read(Role.STATE, items_in, handlers.remove, given, symbols)
+            case UpdateType.ADD_GOAL:
+                self.read(Role.GOAL, goals_in, handlers.add_goal, given, symbols)
+            case UpdateType.REMOVE_GOAL:
+                self.read(Role.GOAL, goals_in, handlers.remove_goal, given, symbols)
+            case UpdateType.ADD_METRIC:
+                self.read(Role.STATE, items_in, handlers.add_metric, given, symbols)
+            case UpdateType.REMOVE_METRIC:
+                self.read(Role.STATE, items_in, handlers.remove_metric, given, symbols)
 
 
-def _goals(knowledge: object, symbol_table: SymbolTable) -> Sequence[Goal]:
+def _fail(given: object, error: KbStoreError) -> Violations:
+    """Take the step of an item that could not be read; an unknown symbol is one of the violations (rule D1)."""
+    if isinstance(error, UnknownSymbol):
+        return [f"{given}: {error}"]
+    raise error
+
+
+def _kind_and_knowledge(update: object) -> tuple[UpdateType, object]:
+    """The kind and the knowledge of an update in a list. Raises `InvalidKnowledge` for anything but a pair."""
+    if isinstance(update, tuple | list) and len(update) == 2:
+        try:
+            return UpdateType(update[0]), update[1]
+        except ValueError:
+            pass
+    kinds = ", ".join(f"{known.name} {known.value}" for known in UpdateType)
+    raise InvalidKnowledge(
+        f"{update!r:.100} is not an update; give pairs like (UpdateType.ADD_KNOWLEDGE, '(visited wp7)'), "
+        f"the first of them one of {kinds}"
+    )
+
+
+def items_in(given: object, symbols: SymbolTable) -> Sequence[KnowledgeItem]:
+    """The item that a caller gave as a message or text."""
+    return [as_item(given, symbols)]
+
+
+def goals_in(knowledge: object, symbols: SymbolTable) -> Sequence[Goal]:
+    """The goals that a caller gave as a message, text or formula; of a conjunction, its parts (rule C10)."""
     if isinstance(knowledge, Fact):
         return [knowledge]
     initial_time = 0
     if isinstance(knowledge, Condition):
         initial_time = knowledge.initial_time
     elif not isinstance(knowledge, str):
-        item = as_item(knowledge, symbol_table)
+        item = as_item(knowledge, symbols)
         if isinstance(item, Fact | Inequality):
             return [item]
         if not isinstance(item, Function):
             raise InvalidKnowledge(f"{item} is not a goal; a goal is a fact, a negative fact or a condition")
         initial_time = item.initial_time
-        knowledge = condition_of(item, symbol_table.domain)
-    goals = goals_of(as_condition(knowledge, symbol_table), symbol_table.domain)
+        knowledge = condition_of(item, symbols.domain)
+    goals = goals_of(as_condition(knowledge, symbols), symbols.domain)
     return [goal.changed(initial_time=initial_time) for goal in goals] if initial_time else goals
 
 
-def failing(knowledge: object, error: KbStoreError) -> Update:
-    """What stands for an item that could not be read; a symbol that is not known is a violation (rule D1)."""
+def problem_batch(problem: Problem, handlers: Handlers, now: int) -> Batch:
+    """The updates by which a problem is added; its timed-initial knowledge is relative to now (rule P3)."""
+    batch = Batch(now)
 
-    def update() -> Sequence[str]:
-        if isinstance(error, UnknownSymbol):
-            return [f"{knowledge}: {error}"]
-        raise error
+    def place(part: str) -> Callable[[int], str]:
+        return lambda index: _place(problem, part, index)
 
-    return update
-
-
-def problem_updates(
-    problem: Problem,
-    now: int,
-    update: Callable[[UpdateType, KnowledgeItem | Condition, int], Update],
-    constrain: Callable[[str], Sequence[str]],
-) -> list[Update]:
-    """What a problem adds; its timed-initial knowledge is relative to now (rule P3).
-
-    `update` makes the update of an item from a time on; `constrain` keeps a trajectory constraint.
-    """
-    add, goal = UpdateType.ADD_KNOWLEDGE, UpdateType.ADD_GOAL
-    updates: list[Update] = []
-    for part, found in (
-        ("instances", [update(add, item, 0) for item in problem.instances]),
-        ("init", [update(add, item, 0) for item in problem.init]),
-        ("timed", [update(add, item, now + offset) for offset, item in problem.timed]),
-        ("goals", [update(goal, item, 0) for item in problem.goals]),
-    ):
-        updates += [_placed(done, problem, part, index) for index, done in enumerate(found)]
+    batch.add(Role.STATE, problem.instances, handlers.add, place=place("instances"))
+    batch.add(Role.STATE, problem.init, handlers.add, place=place("init"))
+    times = [now + offset for offset, _ in problem.timed]
+    batch.add(Role.STATE, [item for _, item in problem.timed], handlers.add, times=times, place=place("timed"))
+    batch.add(Role.GOAL, problem.goals, handlers.add_goal, place=place("goals"))
     if problem.metric is not None:
-        updates.append(update(UpdateType.ADD_METRIC, problem.metric, 0))
-    updates += [partial(constrain, text) for text in problem.constraints]
-    return updates
+        batch.add(Role.STATE, [problem.metric], handlers.add_metric)
+    batch.steps += [partial(handlers.add_constraint, text) for text in problem.constraints]
+    return batch
 
 
-def _placed(update: Update, problem: Problem, part: str, index: int) -> Update:
-    """An update whose violations tell where in the problem's file it stands (rule D1)."""
+def _place(problem: Problem, part: str, index: int) -> str:
+    """The place of an item in its problem's file (rule D1)."""
+    line, column = problem.places[part][index]
+    return f"{problem.source}:{line}:{column}" if problem.source else f"line {line}, column {column}"
 
-    def placed() -> Sequence[str]:
-        violations = update()
-        if violations:
-            line, column = problem.places[part][index]
-            place = f"{problem.source}:{line}:{column}" if problem.source else f"line {line}, column {column}"
-            return [f"{place}: {sentence}" for sentence in violations]
-        return violations
 
-    return placed
+def _placed(step: Step, place: Callable[[int], str], index: int) -> Violations:
+    return [f"{place(index)}: {sentence}" for sentence in step()]

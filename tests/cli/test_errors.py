@@ -71,7 +71,7 @@ def test_all_violations_are_on_the_line(run, store):
     assert (done.code, done.err.count("\n")) == (2, 1)
     assert done.err.startswith("kbstore: 3 violations: x - robt: ")
     assert "; (open door9): " in done.err
-    assert "; (docked kenny home): " in done.err
+    assert "; (docked kenny home) has 2 arguments, but " in done.err
 
 
 def test_a_file_is_refused_with_line_and_column(run, tmp_path, store):

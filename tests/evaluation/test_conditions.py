@@ -370,7 +370,7 @@ def test_v8_unknown_symbols_are_refused_in_every_branch(condition: Formula, sent
 @pytest.mark.parametrize("condition", [Atom("free"), Atom("free", ("p1", "p2")), compare("total r1", GREATER, 0.0)])
 def test_a_wrong_number_of_arguments_is_refused(condition: Formula) -> None:
     """D1: the domain says how many arguments there are."""
-    with pytest.raises(InvalidKnowledge, match="arguments; expected are"):
+    with pytest.raises(InvalidKnowledge, match=r"arguments?, but .* takes"):
         truth(Or((Truism(), condition)), world())
 
 

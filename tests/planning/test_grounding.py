@@ -70,7 +70,7 @@ def test_all_violations_are_reported_together():
 def test_the_number_of_arguments_has_to_fit(arguments: tuple[str, ...]):
     """D1: too few and too many arguments are refused, with the parameters that the operator takes."""
     act = action("r:robot p:wp")
-    with pytest.raises(InvalidKnowledge, match=r"takes 2: \?r - robot \?p - wp"):
+    with pytest.raises(InvalidKnowledge, match=r"but \(act \?r - robot \?p - wp\) takes 2"):
         ground(robots(act), "act", arguments, world(act))
 
 

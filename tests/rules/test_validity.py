@@ -524,7 +524,7 @@ def test_without_a_domain_what_can_be_read_back_is_accepted(bare, text):
 def test_without_a_domain_a_formula_may_be_a_symbols_first_use(bare, first):
     """D2: what is kept and reads f with one argument is a use of it."""
     bare.add(first)
-    with pytest.raises(kbstore.InvalidKnowledge, match="1 argument,"):
+    with pytest.raises(kbstore.InvalidKnowledge, match="first used with 1 argument"):
         bare.add("(= (f a b) 3)")
     with pytest.raises(kbstore.InvalidKnowledge, match="1 argument"):
         bare.add_goal("(or (p) (< (f a b) 3))")

@@ -1,0 +1,206 @@
+"""Name resolution for writing: from the symbols and objects of an atom to its timeline, checked (rules D1 to D3)."""
+
+from collections.abc import Iterable, Iterator, Sequence
+from typing import NamedTuple
+from weakref import WeakKeyDictionary
+
+from kbstore import names
+from kbstore.clock import isoformat
+from kbstore.errors import InvalidKnowledge, KbStoreError
+from kbstore.messages import Fact, Function, KnowledgeType
+from kbstore.model.domain import Domain
+from kbstore.model.formulas import Atom
+from kbstore.model.symbols import SymbolTable
+from kbstore.model.timelines import Identity, Role
+from kbstore.names import key
+from kbstore.pddl.parse import parse_condition, parse_item
+from kbstore.writing.change_set import ChangeSet
+from kbstore.writing.timeline_state import TimelineState
+
+Violations = Sequence[str]
+"""What is wrong with an item, each in one sentence; empty where nothing is."""
+
+
+class _Form(NamedTuple):
+    """A symbol as declared: its spelling, its labels, and the types that each argument may have."""
+
+    name: str
+    labels: tuple[str, ...]
+    allowed: tuple[frozenset[str], ...]
+
+
+_forms_of: WeakKeyDictionary[Domain, dict[tuple[KnowledgeType, str], _Form]] = WeakKeyDictionary()
+"""The forms of the symbols used so far, by domain: the same in all transactions."""
+
+
+class Resolver:
+    """Finds the timelines of atoms and objects in a change set. Without a domain it checks shapes only."""
+
+    def __init__(self, change_set: ChangeSet, symbols: SymbolTable) -> None:
+        self.symbols = symbols
+        self.domain = symbols.domain
+        self._change_set = change_set
+        self._now = change_set.now
+        self._forms = {} if symbols.domain is None else _forms_of.setdefault(symbols.domain, {})
+        self._objects: dict[str, tuple[str, str]] = {}
+        self._objects_seen = change_set.objects_changed
+
+    # -- objects ----------------------------------------------------------------------------------------------
+
+    def object(self, name: str) -> TimelineState:
+        """The INSTANCE timeline of an object, spelled as the domain spells a constant, or as first written."""
+        name_key = key(name)
+        constant = self.domain.constant_spelling(name_key) if self.domain is not None else None
+        return self._change_set.state(Identity(Role.STATE, KnowledgeType.INSTANCE, name_key), constant or name)
+
+    def type_at(self, name: str, t: int) -> str | None:
+        """The type of the object that exists at `t` with that name, constants included; None if there is none."""
+        if self.domain is not None:
+            constant = self.domain.constant_types.get(key(name))
+            if constant is not None:
+                return constant
+        state = self._change_set.find(Identity(Role.STATE, KnowledgeType.INSTANCE, key(name)))
+        if state is None:
+            return None
+        if t <= self._now:
+            value = state.value
+            return None if value is None or value[0] else str(value[1])
+        for lifespan in self._change_set.lifespans(state):
+            if lifespan.start <= t < lifespan.end:
+                return lifespan.type_name
+        return None
+
+    def object_violations(
+        self, atom: str, arguments: Sequence[str], types: Iterable[tuple[str, ...]], t: int
+    ) -> Iterator[str]:
+        """Check the arguments of an atom at a time: names, existence, types.
+
+        A name that the knowledge base does not know is spelled from then on as it is here (rule D3).
+        """
+        for argument, allowed in zip(arguments, types, strict=True):
+            wrong = names.problem(argument)
+            if wrong:
+                yield f"{atom:.200}: the name {argument!r:.60} {wrong}"
+                continue
+            self.object(argument)
+            if self.domain is not None:
+                type_name = self.type_at(argument, t)
+                if type_name is None:
+                    missing = "does not exist" + ("" if t <= self._now else f" at {isoformat(t)}")
+                    advice = f"add it first, as: {argument} - {allowed[0]}"
+                    yield f"{atom}: {argument} {missing}; {_expected(allowed)}; {advice}"
+                elif key(type_name) not in self.domain.subtypes(allowed):
+                    yield f"{atom}: {argument} is of type {type_name}; {_expected(allowed)}"
+
+    # -- atoms ------------------------------------------------------------------------------------------------
+
+    def atom(self, item: Fact | Function, kind: KnowledgeType, role: Role, t: int) -> TimelineState | Violations:
+        """The timeline of a fact or function if its symbol, labels and objects are right, else what is wrong."""
+        if t == self._now and (state := self._usual(item, kind, role)) is not None:
+            return state
+        try:
+            name, arguments = self.symbols.ordered(kind, item.attribute_name, item.arguments, item.labels)
+        except KbStoreError as error:
+            return violations_of(error, item)
+        violations = list(self.atom_violations(kind, name, arguments, t))
+        if violations:
+            return violations
+        self.symbols.learn(kind, name, len(arguments), item.labels)
+        return self._state(role, kind, name, arguments)
+
+    def effect_atom(self, kind: KnowledgeType, atom: Atom) -> TimelineState:
+        """The timeline of a ground atom in an operator's effect. Raises `InvalidKnowledge` if it does not fit."""
+        name, arguments = self.symbols.ordered(kind, atom.name, atom.arguments, ())
+        violations = list(self.atom_violations(kind, name, arguments, self._now))
+        if violations:
+            raise InvalidKnowledge(*violations)
+        return self._state(Role.STATE, kind, name, arguments)
+
+    def atom_violations(self, kind: KnowledgeType, name: str, arguments: Sequence[str], t: int) -> Iterator[str]:
+        """Check a ground atom, whose arity has been checked, at a time."""
+        atom = f"({' '.join((name, *arguments))})"
+        signature = self.symbols.signature(kind, name)
+        if signature is not None:
+            yield from self.object_violations(atom, arguments, (p.types for p in signature.parameters), t)
+            return
+        wrong = names.problem(name)
+        if wrong:
+            yield f"the name {name!r:.60} {wrong}"
+        elif (kind, key(name)) not in self.symbols.shapes and not _can_be_read_back(kind, name, len(arguments)):
+            yield f"{atom:.200} means something else in PDDL; give the {_SYMBOLS[kind]} another name"
+        yield from self.object_violations(atom, arguments, [("object",)] * len(arguments), t)
+
+    def _usual(self, item: Fact | Function, kind: KnowledgeType, role: Role) -> TimelineState | None:
+        """The timeline in the usual case, where nothing is wrong: the hot path of bulk work. None in any other."""
+        keys = item.key
+        form = self._forms.get((kind, keys[0]))
+        if form is None:
+            form = self._form(kind, item.attribute_name)
+            if form is None:
+                return None
+        if len(keys) != len(form.allowed) + 1 or not (item.labels == form.labels or not any(item.labels)):
+            return None
+        name = " ".join(keys)
+        state = self._change_set.group(role, kind).get(name)
+        if state is not None and state.value is not None:
+            # what holds mentions only objects that exist
+            return state
+        if self._objects_seen != self._change_set.objects_changed:
+            self._objects_seen = self._change_set.objects_changed
+            self._objects.clear()
+        spelling = form.name
+        for argument, argument_key, allowed in zip(item.arguments, keys[1:], form.allowed, strict=True):
+            seen = self._objects.get(argument_key)
+            if seen is None:
+                type_name = self.type_at(argument, self._now)
+                if type_name is None:
+                    return None
+                seen = key(type_name), self.object(argument).timeline.spelling
+                self._objects[argument_key] = seen
+            if seen[0] not in allowed:
+                return None
+            spelling += f" {seen[1]}"
+        return state or self._change_set.state(Identity(role, kind, name), spelling)
+
+    def _form(self, kind: KnowledgeType, name: str) -> "_Form | None":
+        """How the domain declares a symbol; None without a domain, or where it does not know the symbol."""
+        if self.domain is None or not self.symbols.known(kind, name):
+            return None
+        signature = self.symbols.signature(kind, name)
+        assert signature is not None
+        allowed = tuple(self.domain.subtypes(parameter.types) for parameter in signature.parameters)
+        form = self._forms[kind, key(name)] = _Form(signature.name, signature.labels, allowed)
+        return form
+
+    def _state(self, role: Role, kind: KnowledgeType, name: str, arguments: Sequence[str]) -> TimelineState:
+        spelling = " ".join((name, *(self.object(argument).timeline.spelling for argument in arguments)))
+        return self._change_set.state(Identity(role, kind, key(spelling)), spelling)
+
+
+_SYMBOLS = {KnowledgeType.FACT: "predicate", KnowledgeType.FUNCTION: "function"}
+
+
+def _can_be_read_back(kind: KnowledgeType, name: str, arity: int) -> bool:
+    """Whether PDDL text with an undeclared symbol reads back as itself: ``(and a)`` does not (rule D3)."""
+    atom = Atom(name, tuple(f"x{index}" for index in range(arity)))
+    text = str(atom) if kind is KnowledgeType.FACT else f"(= {atom} 0)"
+    try:
+        item = parse_item(text)
+        return item.knowledge_type is kind and (kind is KnowledgeType.FUNCTION or parse_condition(text) == atom)
+    except KbStoreError:
+        return False
+
+
+def violations_of(error: KbStoreError, about: object) -> tuple[str, ...]:
+    """The sentences of an error that is one of the violations of a transaction, each naming its item."""
+    return naming(about, error.violations if isinstance(error, InvalidKnowledge) else (str(error),))
+
+
+def naming(about: object, sentences: Iterable[str]) -> tuple[str, ...]:
+    """Sentences, each prefixed with its item unless it names it anyway."""
+    text = str(about)
+    return tuple(sentence if text in sentence else f"{text:.200}: {sentence}" for sentence in sentences)
+
+
+def _expected(allowed: Sequence[str]) -> str:
+    return f"an object of type {' or '.join(allowed)} is expected"
