@@ -61,6 +61,7 @@ from kbstore.model.results import (
     Run,
     Transaction,
 )
+from kbstore.pddl.strict_names import StrictPddl
 from kbstore.reading.questions import item
 from kbstore.reading.state import State
 from kbstore.transfer.archive import Archived
@@ -121,6 +122,7 @@ __all__ = [
     "SpecialType",
     "State",
     "StoreUnavailable",
+    "StrictPddl",
     "SystemClock",
     "Transaction",
     "Truth",

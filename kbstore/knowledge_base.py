@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from copy import copy
 from types import TracebackType
-from typing import Any, Self, cast
+from typing import Any, Literal, Self, cast, overload
 
 from kbstore.clock import Clock, ManualClock, SystemClock, isoformat, time
 from kbstore.conversion import MessageDomain
@@ -29,6 +29,7 @@ from kbstore.model.results import (
     Transaction,
 )
 from kbstore.names import key
+from kbstore.pddl.strict_names import StrictPddl, strict_domain, strict_problem
 from kbstore.pddl.writer import write_domain
 from kbstore.reading.answers import Answers
 from kbstore.reading.difference import difference
@@ -376,13 +377,43 @@ class KnowledgeBase:
             raise UnknownSymbol(f"{self.name} has no domain; load one: kb.load('domain.pddl')")
         return cast("MessageDomain", domain)
 
-    def to_pddl(self, at: object = None, as_of: object = None, *, explicit_negatives: bool = False) -> str:
-        """The planning problem as of any moment, in PDDL (rules P2, O4)."""
-        return self.state(at, as_of).to_pddl(explicit_negatives=explicit_negatives)
+    @overload
+    def to_pddl(
+        self,
+        at: object = None,
+        as_of: object = None,
+        *,
+        explicit_negatives: bool = False,
+        strict_names: Literal[False] = False,
+    ) -> str: ...
+    @overload
+    def to_pddl(
+        self, at: object = None, as_of: object = None, *, explicit_negatives: bool = False, strict_names: Literal[True]
+    ) -> StrictPddl: ...
+    def to_pddl(
+        self,
+        at: object = None,
+        as_of: object = None,
+        *,
+        explicit_negatives: bool = False,
+        strict_names: bool = False,
+    ) -> str | StrictPddl:
+        """Write the planning problem as of any moment in PDDL (rules P2, O4).
 
-    def domain_to_pddl(self) -> str:
-        """The domain as it was loaded, in PDDL."""
-        return write_domain(self.domain)
+        With `strict_names`, names that some planners do not read are replaced: then a `StrictPddl`, the `text` and
+        what its `names` stand for, for `read_plan` (rule P5).
+        """
+        state = self.state(at, as_of)
+        text = state.to_pddl(explicit_negatives=explicit_negatives)
+        return strict_problem(text, state.domain) if strict_names else text
+
+    @overload
+    def domain_to_pddl(self, *, strict_names: Literal[False] = False) -> str: ...
+    @overload
+    def domain_to_pddl(self, *, strict_names: Literal[True]) -> StrictPddl: ...
+    def domain_to_pddl(self, *, strict_names: bool = False) -> str | StrictPddl:
+        """Write the domain as it was loaded; with `strict_names` as a `StrictPddl`, in the names of `to_pddl`."""
+        return strict_domain(self.domain) if strict_names else write_domain(self.domain)
 
     def to_problem(self, at: object = None, as_of: object = None) -> Any:
         """The planning problem as of any moment, as a `unified_planning` Problem (extra `planning`)."""

@@ -132,22 +132,35 @@ class ExprComposite(Message):
 
     def __str__(self) -> str:
         """The expression in PDDL."""
-        words: list[str] = []
-        open_operands: list[int] = []
-        for token in self.tokens:
-            if token.expr_type is ExprType.OPERATOR:
-                words.append(f"({token.op.pddl}")
-                open_operands.append(token.op.arity)
-                continue
-            text = str(token)
-            while open_operands:
-                open_operands[-1] -= 1
-                if open_operands[-1]:
+        return prefix_text(token.op if token.expr_type is ExprType.OPERATOR else str(token) for token in self.tokens)
+
+
+def prefix_text(tokens: Iterable[Operator | str]) -> str:
+    """Write an expression in PDDL, from its operators and the texts of its operands in prefix order.
+
+    A sum whose first operand is a sum is written as one sum, and so are products: they were read from one, or have
+    the same value to the last bit.
+    """
+    words: list[str] = []
+    lacking: list[int] = []
+    before: Operator | str = ""
+    for token in tokens:
+        if token in (Operator.ADD, Operator.MUL) and token is before:
+            lacking[-1] += 1
+        elif isinstance(token, Operator):
+            words.append(f"({token.pddl}")
+            lacking.append(token.arity)
+        else:
+            closing = 0
+            while lacking:
+                lacking[-1] -= 1
+                if lacking[-1]:
                     break
-                open_operands.pop()
-                text += ")"
-            words.append(text)
-        return " ".join(words)
+                lacking.pop()
+                closing += 1
+            words.append(token + ")" * closing)
+        before = token
+    return " ".join(words)
 
 
 class DomainAssignment(Message):

@@ -3,6 +3,7 @@
 from collections.abc import Iterable
 
 from kbstore.messages import AssignOp, Operator, SpecialType, format_number
+from kbstore.messages.formulas import prefix_text
 from kbstore.model.expressions import NumericExpression, Token
 from kbstore.model.formulas import (
     Add,
@@ -34,22 +35,7 @@ _Piece = str | Formula | Effect
 
 def expression_text(expression: NumericExpression) -> str:
     """A numeric expression in PDDL, for instance ``(+ (battery kenny) 5)``."""
-    words: list[str] = []
-    lacking: list[int] = []
-    for token in expression:
-        if isinstance(token, Operator):
-            words.append(f"({token.pddl}")
-            lacking.append(token.arity)
-            continue
-        closing = 0
-        while lacking:
-            lacking[-1] -= 1
-            if lacking[-1]:
-                break
-            lacking.pop()
-            closing += 1
-        words.append(_token_text(token) + ")" * closing)
-    return " ".join(words)
+    return prefix_text(token if isinstance(token, Operator) else _token_text(token) for token in expression)
 
 
 def condition_text(condition: Formula) -> str:

@@ -1,6 +1,5 @@
 """Problems as PDDL text, which reads back to an equal state (rules P2 and O4)."""
 
-import re
 from collections.abc import Container, Iterable, Iterator, Sequence
 from typing import Protocol
 
@@ -8,10 +7,9 @@ from kbstore.clock import SECOND
 from kbstore.messages import Expression, Fact, Function, Goal, Inequality, Instance, KnowledgeItem, format_number
 from kbstore.model.domain import ROOT_TYPE, Domain
 from kbstore.names import key
-from kbstore.names import problem as name_problem
+from kbstore.pddl.strict_names import identifier, is_strict
 
 _NAMES_PER_LINE = 10
-_UNFIT = re.compile(r"[^A-Za-z0-9_-]+")
 
 
 class RunningActionLike(Protocol):
@@ -126,7 +124,7 @@ def write_domain(domain: Domain) -> str:
 
 def _problem_name(name: str) -> str:
     """The name of the knowledge base, as far as it can be a name in PDDL."""
-    return name if name_problem(name) is None else _UNFIT.sub("-", name).strip("-") or "problem"
+    return name if is_strict(name) else identifier(name) or "problem"
 
 
 def _objects(instances: Iterable[Instance]) -> Iterator[str]:

@@ -1,5 +1,6 @@
 """What is written is read back equal."""
 
+import pytest
 from hypothesis import example, given, settings
 
 from kbstore.conversion import composite_of, from_composite, unlabelled
@@ -105,3 +106,26 @@ def test_built_effects():
     assert effect_text(effect) == (
         "(forall (?x - (either a b)) (and (when (forall () (p)) (and (p) (not (p)))) (increase (p) (* #t 1))))"
     )
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "(+ (f) 1 2 (g))",
+        "(* 2 (f) 3)",
+        "(+ 1 (+ 2 3 4) 5)",
+        "(* (+ 1 2 3) 4 (- 5 6))",
+        "(- (- 1 2) 3)",
+        "(/ (/ 1 2) 3)",
+    ],
+)
+def test_sums_and_products_of_several_operands(text):
+    """P5: they are written as they were read, not nested; a difference of three has to be."""
+    assert expression_text(parse_expression(text)) == text
+    assert str(composite_of(parse_expression(text), unlabelled)) == text
+
+
+def test_a_sum_of_a_sum_is_one():
+    """P5: (+ (+ 1 2) 3) has the same value to the last bit, and the same tokens, as (+ 1 2 3)."""
+    assert expression_text(parse_expression("(+ (+ 1 2) 3)")) == "(+ 1 2 3)"
+    assert expression_text(parse_expression("(+ 1 (+ 2 3))")) == "(+ 1 (+ 2 3))"

@@ -125,10 +125,24 @@ class TestWhole:
             (item.initial_time, str(item)) for item in state.timed_knowledge
         ]
 
-    @pytest.mark.parametrize("name", ["my robot", "(x)", "", "a;b", "7", "--"])
-    def test_any_name_of_a_knowledge_base(self, name):
-        """A knowledge base may be called anything; its problem has a name that can be read."""
-        assert read_problem(write_problem(State(name=name)), DOMAIN).name
+    @pytest.mark.parametrize(
+        ("name", "written"),
+        [
+            ("kenny", "kenny"),
+            ("my robot", "my-robot"),
+            ("site/robot1", "site-robot1"),
+            ("(x)", "x"),
+            ("", "problem"),
+            ("a;b", "a-b"),
+            ("7", "n-7"),
+            ("--", "problem"),
+            ("жёлтый", "problem"),
+            ("domain", "n-domain"),
+        ],
+    )
+    def test_any_name_of_a_knowledge_base(self, name, written):
+        """P5: a knowledge base may be called anything; its problem has a name that every planner reads."""
+        assert read_problem(write_problem(State(name=name)), DOMAIN).name == written
 
     def test_domain(self):
         """The domain is written as it was loaded, comments included."""
