@@ -27,11 +27,22 @@ GROUPS = {
         "Truth",
         "Intervals",
     ),
-    "Knowledge": ("item", "Instance", "Fact", "Function", "Expression", "Inequality", "Condition", "KnowledgeItem"),
+    "Knowledge": (
+        "item",
+        "Knowledge",
+        "Question",
+        "Instance",
+        "Fact",
+        "Function",
+        "Expression",
+        "Inequality",
+        "Condition",
+        "KnowledgeItem",
+    ),
     "The domain": ("Domain", "DomainFormula", "DomainAssignment", "DomainOperator", "DomainInequality"),
     "Parts of messages": ("ExprComposite", "ExprBase", "KeyValue"),
     "Keeping": ("backup", "export_knowledge_base", "import_knowledge_base", "Archived", "Ingested"),
-    "Time": ("seconds", "time", "Clock", "SystemClock", "ManualClock"),
+    "Time": ("seconds", "time", "TimeLike", "DurationLike", "Clock", "SystemClock", "ManualClock"),
 }
 """The names that have a place of their own; the others are sorted into the groups below."""
 
@@ -85,8 +96,7 @@ def entry(name, thing):
             yield f"`{signature(f'kbstore.{name}', thing)}`"
             yield from described(thing)
         else:
-            union = get_args(thing)[0] if get_origin(thing) is Annotated else thing
-            yield "One of " + ", ".join(f"`{member.__name__}`" for member in get_args(union)) + "."
+            yield "One of " + ", ".join(f"`{name}`" for name in member_names(thing)) + "."
         return
     yield from described(thing)
     if issubclass(thing, enum.Enum):
@@ -102,6 +112,20 @@ def entry(name, thing):
             yield f"- `{member}`: {first_lines(value)}"
         else:
             yield f"- `{signature(member, value)}`\n\n" + indented("\n\n".join(described(value)))
+
+
+def member_names(union):
+    """The names of what a union is made of; what is of the model, which has no page, is named as a whole."""
+    union = get_args(union)[0] if get_origin(union) is Annotated else union
+    names = {}
+    for member in get_args(union):
+        if get_origin(member) is Annotated:
+            names["KnowledgeItem"] = True
+        elif getattr(member, "__module__", "").startswith("kbstore.model") or get_origin(member) is tuple:
+            names["kbstore.model.formulas.Formula"] = True
+        else:
+            names[getattr(get_origin(member) or member, "__name__", str(member))] = True
+    return list(names)
 
 
 def members_of(thing):

@@ -4,7 +4,7 @@ See `kbstore.open` for where to begin.
 """
 
 from kbstore.api import knowledge_bases, open
-from kbstore.clock import Clock, ManualClock, SystemClock, seconds, time
+from kbstore.clock import Clock, DurationLike, ManualClock, SystemClock, TimeLike, seconds, time
 from kbstore.conversion import MessageDomain as Domain
 from kbstore.errors import (
     ClockWentBackwards,
@@ -62,7 +62,7 @@ from kbstore.model.results import (
     Transaction,
 )
 from kbstore.pddl.strict_names import StrictPddl
-from kbstore.reading.questions import item
+from kbstore.reading.questions import Knowledge, Question, item
 from kbstore.reading.state import State
 from kbstore.transfer.archive import Archived
 from kbstore.transfer.backup import backup
@@ -88,6 +88,7 @@ __all__ = [
     "DomainFormula",
     "DomainInequality",
     "DomainOperator",
+    "DurationLike",
     "Ended",
     "Explanation",
     "ExprBase",
@@ -104,6 +105,7 @@ __all__ = [
     "InvalidTime",
     "KbStoreError",
     "KeyValue",
+    "Knowledge",
     "KnowledgeBase",
     "KnowledgeItem",
     "KnowledgeType",
@@ -114,6 +116,7 @@ __all__ = [
     "Operator",
     "PddlSyntaxError",
     "QueryResult",
+    "Question",
     "Run",
     "ScheduledRelativeChange",
     "SchemaOutOfDate",
@@ -124,6 +127,7 @@ __all__ = [
     "StoreUnavailable",
     "StrictPddl",
     "SystemClock",
+    "TimeLike",
     "Transaction",
     "Truth",
     "UndefinedFunction",

@@ -5,7 +5,7 @@ import os
 from sqlalchemy import Engine
 from sqlalchemy.engine import URL
 
-from kbstore.clock import Clock, duration
+from kbstore.clock import Clock, DurationLike, duration
 from kbstore.errors import InvalidKnowledge
 from kbstore.knowledge_base import KnowledgeBase
 from kbstore.storage import queries, schema
@@ -24,7 +24,7 @@ def open(
     validate: bool = True,
     read_only: bool = False,
     cache: bool = True,
-    tolerance: object = TOLERANCE,
+    tolerance: DurationLike = TOLERANCE,
     busy_timeout: float = BUSY_TIMEOUT,
 ) -> KnowledgeBase:
     """Open a knowledge base, and create it if there is none of that name.

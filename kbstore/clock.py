@@ -1,6 +1,7 @@
 """Times, durations and clocks (rules T1 to T3).
 
-Inside kbstore a time is an integer of nanoseconds on the knowledge base's clock, 0 <= t < 2**62.
+Inside kbstore a time is an integer of nanoseconds on the knowledge base's clock, 0 <= t < 2**62. `TimeLike` and
+`DurationLike` are the types of what callers may give instead.
 """
 
 import re
@@ -25,38 +26,88 @@ _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _OFFSET = re.compile(r"(Z|[+-]\d{2}:?\d{2}(:?\d{2})?)$", re.IGNORECASE)
 _FRACTION = re.compile(r"[.,](\d+)")
 
+_SECONDS = {"d": 86_400, "h": 3600, "m": 60, "min": 60, "s": 1}
+_DECIMALS = {"ms": 3, "us": 6, "ns": 9}
+_RELATIVE = re.compile(r"[+-](?:\d+(?:\.\d+)?(?:min|ms|us|ns|[dhms]))+")
+_PART = re.compile(r"(\d+(?:\.\d+)?)(min|ms|us|ns|[dhms])")
+
+
+class Ros2Stamp(Protocol):
+    """A time or duration message of ROS 2 (`builtin_interfaces`)."""
+
+    @property
+    def sec(self) -> int:
+        """Whole seconds."""
+
+    @property
+    def nanosec(self) -> int:
+        """Nanoseconds beyond them."""
+
+
+class Ros1Stamp(Protocol):
+    """A `rospy.Time` or `rospy.Duration`."""
+
+    @property
+    def secs(self) -> int:
+        """Whole seconds."""
+
+    @property
+    def nsecs(self) -> int:
+        """Nanoseconds beyond them."""
+
+
+class NanosecondStamp(Protocol):
+    """A `rclpy.time.Time` or `rclpy.duration.Duration`."""
+
+    @property
+    def nanoseconds(self) -> int:
+        """The whole of it in nanoseconds."""
+
+
+Stamp = Ros2Stamp | Ros1Stamp | NanosecondStamp | Mapping[str, int]
+"""A time or duration as messages carry it: an object, or a mapping with the same names."""
+
+TimeLike = int | str | datetime | Stamp
+"""A time: nanoseconds, ISO 8601 text with an offset, an aware `datetime`, or a stamp (rule T2).
+
+Where a knowledge base is asked, also text relative to its now: ``now``, ``-5m``, ``+30s``.
+"""
+
+DurationLike = int | timedelta | Stamp
+"""A duration: nanoseconds, a `timedelta`, or a stamp."""
+
 
 @runtime_checkable
 class Clock(Protocol):
-    """Whatever tells the time of a knowledge base."""
+    """A source of time for a knowledge base."""
 
     def now(self) -> int:
-        """The time in nanoseconds."""
+        """Return the time in nanoseconds."""
 
 
 class SystemClock:
     """The wall clock, in nanoseconds since 1970."""
 
     def now(self) -> int:
-        """The wall clock's time in nanoseconds."""
+        """Return the wall clock's time in nanoseconds."""
         return _time.time_ns()
 
 
 class ManualClock:
-    """A clock that moves when told to: for simulations, replays and tests."""
+    """A clock that is moved by hand: for simulations, replays and tests."""
 
-    def __init__(self, start: object = 0) -> None:
+    def __init__(self, start: TimeLike = 0) -> None:
         self._now = time(start)
 
     def now(self) -> int:
-        """The time that was last set."""
+        """Return the time that was last set."""
         return self._now
 
-    def set(self, t: object) -> None:
-        """Move to the time `t` (anything of rule T2), forwards or backwards."""
+    def set(self, t: TimeLike) -> None:
+        """Move to the time `t`, forwards or backwards."""
         self._now = time(t)
 
-    def advance(self, ns: object) -> None:
+    def advance(self, ns: DurationLike) -> None:
         """Move forward by a duration: nanoseconds, a `timedelta` or a duration stamp."""
         self._now = time(self._now + duration(ns))
 
@@ -85,20 +136,25 @@ def seconds(x: int | float | str | Decimal) -> int:
     return nanoseconds
 
 
-def time(x: object) -> int:
-    """A time in nanoseconds from anything of rule T2.
+def time(x: TimeLike, now: int | None = None) -> int:
+    """Return a time in nanoseconds from anything of rule T2.
 
     Takes an ``int`` of nanoseconds, a timezone-aware ``datetime``, an ISO 8601 string with an offset, or a stamp
-    with ``sec``/``nanosec``, ``secs``/``nsecs`` or ``nanoseconds`` (an object or a mapping). Raises `InvalidTime`
-    for anything else, and for times outside 0 <= t < 2**62.
+    with ``sec``/``nanosec``, ``secs``/``nsecs`` or ``nanoseconds`` (an object or a mapping). Where `now` is given,
+    also a string relative to it: ``now``, ``-5m``, ``+1h30m``, with the units d, h, m (or min), s, ms, us and ns.
+
+    Raises `InvalidTime` for anything else, and for times outside 0 <= t < 2**62.
+
+    >>> time("-1h30m", now=6_000_000_000_000)
+    600000000000
     """
-    t = x if type(x) is int else _convert(x)
+    t = x if type(x) is int else _convert(x, now)
     if not 0 <= t < TIME_LIMIT:
         raise InvalidTime(f"the time {x!r} is outside 0 <= t < 2**62 nanoseconds (the year 2116)")
     return t
 
 
-def duration(x: object) -> int:
+def duration(x: DurationLike) -> int:
     """A duration in nanoseconds from an ``int`` of nanoseconds, a ``timedelta`` or a duration stamp.
 
     Raises `InvalidTime` for anything else and for negative durations.
@@ -130,7 +186,7 @@ def isoformat(t: int) -> str:
     return text + (f".{rest:09d}".rstrip("0") if rest else "") + "Z"
 
 
-def _convert(x: object) -> int:
+def _convert(x: TimeLike, now: int | None) -> int:
     if isinstance(x, bool):
         raise InvalidTime(f"{x!r} is not a time; give nanoseconds, for instance kbstore.seconds(12.5)")
     if isinstance(x, int):
@@ -142,7 +198,7 @@ def _convert(x: object) -> int:
     if isinstance(x, datetime):
         return _from_datetime(x)
     if isinstance(x, str):
-        return _from_text(x)
+        return _from_text(x, now)
     stamp = _stamp(x)
     if stamp is None:
         raise InvalidTime(
@@ -159,9 +215,16 @@ def _from_datetime(x: datetime) -> int:
     return (since.days * 86_400 + since.seconds) * SECOND + since.microseconds * 1000
 
 
-def _from_text(x: str) -> int:
+def _from_text(x: str, now: int | None) -> int:
     text = x.strip()
     advice = "write ISO 8601 with an offset, like 2026-05-01T12:00:00Z"
+    if text.lower() == "now" or _RELATIVE.fullmatch(text):
+        if now is None:
+            raise InvalidTime(f"{x!r} is relative to now, and no knowledge base is asked here; {advice}")
+        away = sum(_unit(*part) for part in _PART.findall(text))
+        return now - away if text[0] == "-" else now + away
+    if now is not None:
+        advice += ", or relative to now, like -5m"
     if not _OFFSET.search(text):
         raise InvalidTime(f"{x!r} is not a time with an offset; {advice}")
     # datetime keeps microseconds only, so the fraction is read apart
@@ -174,6 +237,13 @@ def _from_text(x: str) -> int:
     except ValueError:
         raise InvalidTime(f"{x!r} is not a time; {advice}") from None
     return _from_datetime(whole) + int(digits[:9].ljust(9, "0"))
+
+
+def _unit(number: str, unit: str) -> int:
+    """Nanoseconds of one part of a relative time, like ``1.5h``."""
+    if unit in _DECIMALS:
+        return seconds(Decimal(number).scaleb(-_DECIMALS[unit]))
+    return seconds(Decimal(number) * _SECONDS[unit])
 
 
 def _stamp(x: object) -> int | None:

@@ -12,13 +12,14 @@ from copy import copy
 from types import TracebackType
 from typing import Any, Literal, Self, cast, overload
 
-from kbstore.clock import Clock, ManualClock, SystemClock, isoformat, time
+from kbstore.clock import Clock, DurationLike, ManualClock, SystemClock, TimeLike, isoformat, time
 from kbstore.conversion import MessageDomain
 from kbstore.errors import Conflict, InvalidKnowledge, InvalidTime, StoreUnavailable, UnknownSymbol
 from kbstore.evaluation.intervals import Intervals
 from kbstore.messages import Expression, Fact, Function, Goal, Instance, KnowledgeItem, Truth, UpdateType
 from kbstore.model.results import (
     Applicability,
+    AsOf,
     Assertion,
     Change,
     Diff,
@@ -35,7 +36,7 @@ from kbstore.reading.answers import Answers
 from kbstore.reading.difference import difference
 from kbstore.reading.explanation import Explainer
 from kbstore.reading.history import History
-from kbstore.reading.questions import Question
+from kbstore.reading.questions import Knowledge, Question
 from kbstore.reading.reader import Reader
 from kbstore.reading.state import State
 from kbstore.reading.trajectory import when_true
@@ -167,7 +168,9 @@ class KnowledgeBase:
         if getattr(self._writing, "open", False):
             raise Conflict("a transaction is open in this thread; write through it, or leave its block first")
 
-    def add(self, *items: object, initial_time: object = None, client: str = "", note: str = "") -> Transaction:
+    def add(
+        self, *items: Knowledge, initial_time: TimeLike | None = None, client: str = "", note: str = ""
+    ) -> Transaction:
         """Add knowledge to the state: items, their PDDL text, or messages.
 
         `initial_time` counts for items without one of their own; one after now makes timed-initial knowledge.
@@ -177,26 +180,32 @@ class KnowledgeBase:
             tx.add(*items, initial_time=initial_time)
         return tx.result
 
-    def remove(self, *items: object, initial_time: object = None, client: str = "", note: str = "") -> Transaction:
+    def remove(
+        self, *items: Knowledge, initial_time: TimeLike | None = None, client: str = "", note: str = ""
+    ) -> Transaction:
         """Remove what matches from the state (``?`` matches any object); at a later time, cancel what is scheduled."""
         with self.transaction(client=client, note=note) as tx:
             tx.remove(*items, initial_time=initial_time)
         return tx.result
 
-    def add_goal(self, *goals: object, initial_time: object = None, client: str = "", note: str = "") -> Transaction:
+    def add_goal(
+        self, *goals: Knowledge, initial_time: TimeLike | None = None, client: str = "", note: str = ""
+    ) -> Transaction:
         """Add to the goal; a conjunction is split into its parts (rule C10)."""
         with self.transaction(client=client, note=note) as tx:
             tx.add_goal(*goals, initial_time=initial_time)
         return tx.result
 
-    def remove_goal(self, *goals: object, initial_time: object = None, client: str = "", note: str = "") -> Transaction:
+    def remove_goal(
+        self, *goals: Knowledge, initial_time: TimeLike | None = None, client: str = "", note: str = ""
+    ) -> Transaction:
         """Remove from the goal."""
         with self.transaction(client=client, note=note) as tx:
             tx.remove_goal(*goals, initial_time=initial_time)
         return tx.result
 
     def add_metric(
-        self, *metrics: object, initial_time: object = None, client: str = "", note: str = ""
+        self, *metrics: Knowledge, initial_time: TimeLike | None = None, client: str = "", note: str = ""
     ) -> Transaction:
         """Set the metric, as ``minimize (total-time)``; it replaces the one that stands."""
         with self.transaction(client=client, note=note) as tx:
@@ -204,7 +213,7 @@ class KnowledgeBase:
         return tx.result
 
     def remove_metric(
-        self, *metrics: object, initial_time: object = None, client: str = "", note: str = ""
+        self, *metrics: Knowledge, initial_time: TimeLike | None = None, client: str = "", note: str = ""
     ) -> Transaction:
         """Remove the metric; if one is given, only if it is that one."""
         with self.transaction(client=client, note=note) as tx:
@@ -212,7 +221,7 @@ class KnowledgeBase:
         return tx.result
 
     def update(
-        self, updates: Iterable[tuple[UpdateType | int, object]], *, client: str = "", note: str = ""
+        self, updates: Iterable[tuple[UpdateType | int, Knowledge]], *, client: str = "", note: str = ""
     ) -> Transaction:
         """Several updates, in order, all or none."""
         with self.transaction(client=client, note=note) as tx:
@@ -221,7 +230,7 @@ class KnowledgeBase:
 
     def ingest(
         self,
-        items: Iterable[object],
+        items: Iterable[Knowledge],
         *,
         batch: int = BATCH,
         client: str = "",
@@ -284,31 +293,31 @@ class KnowledgeBase:
 
     # -- the state --------------------------------------------------------------------------------------------
 
-    def state(self, at: object = None, as_of: object = None) -> State:
+    def state(self, at: TimeLike | None = None, as_of: AsOf | None = None) -> State:
         """Everything that stood at a time; with `as_of` (a time or a `Transaction`), as it was believed then."""
         with self._reader.repository() as repository:
             return self._reader.state(repository, self._reader.resolver.resolve(repository, at, as_of))
 
-    def truth(self, question: Question, at: object = None, as_of: object = None) -> Truth:
+    def truth(self, question: Question, at: TimeLike | None = None, as_of: AsOf | None = None) -> Truth:
         """The truth value of a fact or condition at a time."""
         return self._answers.truth(question, at, as_of)
 
-    def holds(self, question: Question, at: object = None, as_of: object = None) -> bool:
+    def holds(self, question: Question, at: TimeLike | None = None, as_of: AsOf | None = None) -> bool:
         """Whether a fact or condition is true at a time."""
         return self._answers.truth(question, at, as_of) is Truth.TRUE
 
-    def value(self, question: Question, at: object = None, as_of: object = None) -> float:
+    def value(self, question: Question, at: TimeLike | None = None, as_of: AsOf | None = None) -> float:
         """The value of a numeric function or expression at a time.
 
         Raises `UndefinedFunction` or `DivisionByZero` where it has none.
         """
         return self._answers.value(question, at, as_of)
 
-    def explain(self, question: Question, at: object = None, as_of: object = None) -> Explanation:
+    def explain(self, question: Question, at: TimeLike | None = None, as_of: AsOf | None = None) -> Explanation:
         """Why a fact or condition is true, false or unknown at a time, and the transaction that made it so."""
         return self.state(at, as_of).explain(question)
 
-    def query(self, *items: Question, at: object = None) -> QueryResult:
+    def query(self, *items: Question, at: TimeLike | None = None) -> QueryResult:
         """The original's query: whether each of several items is true."""
         return self.state(at).query(*items)
 
@@ -318,7 +327,7 @@ class KnowledgeBase:
         *,
         include_constants: bool = False,
         include_subtypes: bool = False,
-        at: object = None,
+        at: TimeLike | None = None,
     ) -> list[Instance]:
         """The objects of a type, or all."""
         state = self.state(at)
@@ -334,21 +343,21 @@ class KnowledgeBase:
             return [item for item in found if domain.is_subtype(item.instance_type, [type_name])]
         return [item for item in found if key(item.instance_type) == key(type_name)]
 
-    def propositions(self, name: str = "", at: object = None) -> list[Fact]:
+    def propositions(self, name: str = "", at: TimeLike | None = None) -> list[Fact]:
         """The facts of a predicate, or all, of both signs."""
         state = self.state(at)
         if name and state.domain is not None:
             state.domain.predicate(name)
         return [fact for fact in state.facts if not name or key(fact.attribute_name) == key(name)]
 
-    def functions(self, name: str = "", at: object = None) -> list[Function]:
+    def functions(self, name: str = "", at: TimeLike | None = None) -> list[Function]:
         """The values of a numeric function, or of all."""
         state = self.state(at)
         if name and state.domain is not None:
             state.domain.function(name)
         return [item for item in state.functions if not name or key(item.attribute_name) == key(name)]
 
-    def timed_knowledge(self, name: str = "", at: object = None) -> list[KnowledgeItem]:
+    def timed_knowledge(self, name: str = "", at: TimeLike | None = None) -> list[KnowledgeItem]:
         """What was scheduled, and takes effect after the time; of one predicate or function, or all."""
         state = self.state(at)
         if name and state.domain is not None:
@@ -359,11 +368,11 @@ class KnowledgeBase:
             if not name or (isinstance(item, Fact | Function) and key(item.attribute_name) == key(name))
         ]
 
-    def goals(self, at: object = None) -> list[Goal]:
+    def goals(self, at: TimeLike | None = None) -> list[Goal]:
         """The parts of the goal."""
         return self.state(at).goals
 
-    def metric(self, at: object = None) -> Expression | None:
+    def metric(self, at: TimeLike | None = None) -> Expression | None:
         """The metric."""
         return self.state(at).metric
 
@@ -380,20 +389,25 @@ class KnowledgeBase:
     @overload
     def to_pddl(
         self,
-        at: object = None,
-        as_of: object = None,
+        at: TimeLike | None = None,
+        as_of: AsOf | None = None,
         *,
         explicit_negatives: bool = False,
         strict_names: Literal[False] = False,
     ) -> str: ...
     @overload
     def to_pddl(
-        self, at: object = None, as_of: object = None, *, explicit_negatives: bool = False, strict_names: Literal[True]
+        self,
+        at: TimeLike | None = None,
+        as_of: AsOf | None = None,
+        *,
+        explicit_negatives: bool = False,
+        strict_names: Literal[True],
     ) -> StrictPddl: ...
     def to_pddl(
         self,
-        at: object = None,
-        as_of: object = None,
+        at: TimeLike | None = None,
+        as_of: AsOf | None = None,
         *,
         explicit_negatives: bool = False,
         strict_names: bool = False,
@@ -415,7 +429,7 @@ class KnowledgeBase:
         """Write the domain as it was loaded; with `strict_names` as a `StrictPddl`, in the names of `to_pddl`."""
         return strict_domain(self.domain) if strict_names else write_domain(self.domain)
 
-    def to_problem(self, at: object = None, as_of: object = None) -> Any:
+    def to_problem(self, at: TimeLike | None = None, as_of: AsOf | None = None) -> Any:
         """The planning problem as of any moment, as a `unified_planning` Problem (extra `planning`)."""
         from kbstore.interop.unified_planning import to_problem
 
@@ -423,22 +437,25 @@ class KnowledgeBase:
 
     # -- over time --------------------------------------------------------------------------------------------
 
-    def history(self, pattern: object, since: object = None, until: object = None) -> list[Assertion]:
+    def history(
+        self, pattern: Knowledge, since: TimeLike | None = None, until: TimeLike | None = None
+    ) -> list[Assertion]:
         """The assertions that match a pattern, in order of time; ``?`` matches any object (rule Q3)."""
         return self._history.assertions(pattern, since, until)
 
-    def when(self, condition: Question, since: object, until: object) -> Intervals:
+    def when(self, condition: Question, since: TimeLike, until: TimeLike) -> Intervals:
         """The maximal half-open intervals in ``[since, until)`` in which a condition is true (rule Q4).
 
         Raises `NotLinear` where a comparison is not linear in time within the span.
         """
-        first, last = time(since), time(until)
-        if last < first:
-            raise InvalidTime(f"until ({isoformat(last)}) is before since ({isoformat(first)}); give them in order")
         with self._reader.repository() as repository:
+            now = self._reader.resolver.now(repository.head())
+            first, last = time(since, now), time(until, now)
+            if last < first:
+                raise InvalidTime(f"until ({isoformat(last)}) is before since ({isoformat(first)}); give them in order")
             return when_true(self._reader, self._history, repository, condition, first, last)
 
-    def diff(self, t1: object, t2: object) -> Diff:
+    def diff(self, t1: TimeLike, t2: TimeLike) -> Diff:
         """What became true, became false, was withdrawn, and which numbers changed, from `t1` to `t2` (rule Q5)."""
         with self._reader.repository() as repository:
             before, after = (
@@ -452,7 +469,7 @@ class KnowledgeBase:
 
     def watch(
         self,
-        pattern: object = None,
+        pattern: Knowledge | None = None,
         after: int | Change | None = None,
         *,
         poll: float = 0.05,
@@ -470,7 +487,7 @@ class KnowledgeBase:
 
     # -- operators --------------------------------------------------------------------------------------------
 
-    def applicable(self, operator: str, *arguments: str, at: object = None) -> Applicability:
+    def applicable(self, operator: str, *arguments: str, at: TimeLike | None = None) -> Applicability:
         """Whether an operator can be applied at a time, and which conditions fail since when (rule O1)."""
         return applicability(self.state(at), operator, arguments)
 
@@ -480,7 +497,9 @@ class KnowledgeBase:
             tx.apply(operator, *arguments)
         return tx.result
 
-    def start(self, operator: str, *arguments: str, duration: object = None, client: str = "", note: str = "") -> Run:
+    def start(
+        self, operator: str, *arguments: str, duration: DurationLike | None = None, client: str = "", note: str = ""
+    ) -> Run:
         """Start a durative action: its at-start effects, and its continuous ones begin (rule O3).
 
         `duration` is in nanoseconds, a `timedelta` or a duration stamp; without it the domain must fix it.
@@ -510,7 +529,7 @@ class KnowledgeBase:
         with self._reader.repository() as repository:
             return repository.head().history_from
 
-    def archive(self, before: object, path: str | os.PathLike[str], *, progress: Progress | None = None) -> Archived:
+    def archive(self, before: TimeLike, path: str | os.PathLike[str], *, progress: Progress | None = None) -> Archived:
         """Move the history before a time into an archive, and give its space back (rule Q7).
 
         The archive is an SQLite file. Opened like a store, ``kbstore.open(path, name)``, it answers as this knowledge

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
-from kbstore.clock import SECOND, isoformat
+from kbstore.clock import SECOND, TimeLike, isoformat
 from kbstore.messages import Condition, Expression, Function, Goal, KnowledgeItem, Truth, format_number
 
 
@@ -21,6 +21,10 @@ class Transaction:
         who = f" by {self.client}" if self.client else ""
         why = f" ({self.note})" if self.note else ""
         return f"transaction {self.number} at {isoformat(self.time)}{who}{why}"
+
+
+AsOf = TimeLike | Transaction
+"""What `as_of` takes: a time, or a transaction, which stands for everything up to it and nothing after it."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,9 +9,10 @@ from collections.abc import Callable
 from typing import Any, NamedTuple, cast
 
 from kbstore.caches import LRU
-from kbstore.clock import OPEN, Clock, time
+from kbstore.clock import OPEN, Clock, TimeLike, time
 from kbstore.evaluation.interpretation import Number
 from kbstore.messages import Truth
+from kbstore.model.results import AsOf
 from kbstore.model.symbols import SymbolTable
 from kbstore.model.timelines import Role, Value
 from kbstore.reading.lazy_state import LazyState
@@ -52,18 +53,18 @@ class Answers:
         self._conditions = _Form(questions.conditions, questions.condition, "truths")
         self._expressions = _Form(questions.expressions, questions.expression, "values")
 
-    def truth(self, question: Question, at: object = None, as_of: object = None) -> Truth:
+    def truth(self, question: Question, at: TimeLike | None = None, as_of: AsOf | None = None) -> Truth:
         """The truth value of a condition at a time, as of another."""
         return cast("Truth", self._ask(self._conditions, question, at, as_of))
 
-    def value(self, question: Question, at: object = None, as_of: object = None) -> float:
+    def value(self, question: Question, at: TimeLike | None = None, as_of: AsOf | None = None) -> float:
         """The value of an expression at a time, as of another.
 
         Raises `UndefinedFunction` or `DivisionByZero` where it has none.
         """
         return cast("float", self._ask(self._expressions, question, at, as_of))
 
-    def _ask(self, form: _Form, question: Question, at: object, as_of: object) -> Truth | float:
+    def _ask(self, form: _Form, question: Question, at: TimeLike | None, as_of: AsOf | None) -> Truth | float:
         name = question if type(question) is str else question_key(question)
         connection = self._database.checkout()
         try:
@@ -76,7 +77,8 @@ class Answers:
                     if since <= (now := self._clock.now()) < until:
                         return answer.at(now) if type(answer) is Number else answer  # type: ignore[return-value]
             found = None
-            if as_of is None:
+            if as_of is None and not isinstance(at, str):
+                # text may be relative to now, which the resolver knows
                 prepared = form.prepared.get((self._domains.latest.domain, name))
                 if prepared is not None and prepared.key is not None:
                     found = self._from_timeline(connection, prepared, at, look_ahead=answers is not None)
@@ -90,7 +92,7 @@ class Answers:
             self._database.checkin(connection)
 
     def _from_timeline(
-        self, connection: StoreConnection, prepared: _Prepared, at: object, *, look_ahead: bool
+        self, connection: StoreConnection, prepared: _Prepared, at: TimeLike | None, *, look_ahead: bool
     ) -> _Found | None:
         """The answer by what holds on a single timeline; None where that cannot be told by one statement."""
         repository = Repository(connection, self._reader.kb, self._reader.cache)
@@ -115,7 +117,7 @@ class Answers:
             end_time = OPEN if timeline is None else repository.next_start(timeline, t)
         return t, end_time, answer
 
-    def _from_state(self, form: _Form, question: Question, at: object, as_of: object) -> _Found:
+    def _from_state(self, form: _Form, question: Question, at: TimeLike | None, as_of: AsOf | None) -> _Found:
         """The answer by an evaluation, on as much of the state as that reads."""
         reader = self._reader
         with reader.repository() as repository:

@@ -4,7 +4,7 @@ from collections import defaultdict
 from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
 
-from kbstore.clock import OPEN
+from kbstore.clock import OPEN, TimeLike
 from kbstore.errors import InvalidKnowledge, UnknownSymbol
 from kbstore.evaluation.snapshot import is_of
 from kbstore.messages import Condition, Expression, Fact, Function, Inequality, Instance, KnowledgeItem, KnowledgeType
@@ -16,7 +16,7 @@ from kbstore.pddl.parse import condition_of
 from kbstore.pddl.printer import condition_text
 from kbstore.reading.item_factory import ItemFactory
 from kbstore.reading.mentions import mentions
-from kbstore.reading.questions import as_item
+from kbstore.reading.questions import Knowledge, as_item
 from kbstore.reading.reader import Reader
 from kbstore.reading.resolver import TemporalPoint
 from kbstore.storage.repository import Head, LogPosition, RecordedAssertion, Repository
@@ -50,7 +50,9 @@ class History:
 
     # -- one pattern ------------------------------------------------------------------------------------------
 
-    def assertions(self, pattern: object, since: object = None, until: object = None) -> list[Assertion]:
+    def assertions(
+        self, pattern: Knowledge, since: TimeLike | None = None, until: TimeLike | None = None
+    ) -> list[Assertion]:
         """The assertions that match a pattern and overlap ``[since, until)``, in order of time (rule Q3)."""
         with self._reader.repository() as repository:
             first, last, now = self._reader.resolver.resolve_span(repository, since, until)
@@ -77,7 +79,7 @@ class History:
             rows += repository.history(kind, [timeline], repository.latest_start(timeline, first), until)
         return rows
 
-    def _symbols(self, repository: Repository, now: TemporalPoint, pattern: object, until: int) -> SymbolTable:
+    def _symbols(self, repository: Repository, now: TemporalPoint, pattern: Knowledge, until: int) -> SymbolTable:
         """The latest vocabulary that knows the pattern's symbol (rule D4)."""
         versions = [v for v in self._reader.domains.all(repository, now.head) if v.time < until]
         if not versions:
@@ -291,7 +293,7 @@ def _order(row: RecordedAssertion) -> tuple[int, int, int]:
     return row.initial_time, row.recorded, row.timeline.id
 
 
-def matches(pattern: object, item: KnowledgeItem | Condition, symbol_table: SymbolTable) -> bool:
+def matches(pattern: Knowledge, item: KnowledgeItem | Condition, symbol_table: SymbolTable) -> bool:
     """Whether an item is of the kind, symbol and objects that a pattern says."""
     wanted = as_item(pattern, symbol_table)
     if isinstance(wanted, Fact | Function) and isinstance(item, Fact | Function):

@@ -1,7 +1,7 @@
 """Prepared questions: read, checked and compiled once for each version of the domain."""
 
 from collections.abc import Hashable, Iterable, Iterator
-from typing import Protocol, get_args
+from typing import Protocol, cast, get_args
 
 from kbstore.caches import LRU, QUESTIONS
 from kbstore.evaluation import expressions
@@ -145,7 +145,7 @@ def question_key(question: Question) -> Hashable | None:
             hash(question)
         except TypeError:
             return None
-        return question
+        return cast("Hashable", question)
     return None
 
 

@@ -1,7 +1,7 @@
 """Everything that can be asked, read as a condition or an expression: PDDL text, items, messages, formulas."""
 
 from collections.abc import Mapping
-from typing import cast, get_args
+from typing import Any, Protocol, cast, get_args
 
 from kbstore.conversion import from_composite
 from kbstore.errors import InvalidKnowledge
@@ -26,14 +26,26 @@ from kbstore.model.expressions import NumericExpression
 from kbstore.model.symbols import SymbolTable
 from kbstore.pddl.parse import condition_of, parse_condition, parse_expression, parse_item
 
-Question = str | KnowledgeItem | Condition | formulas.Formula | Mapping[str, object] | object
-"""What can be asked: PDDL text, an item, a mapping or object in the shape of the ROS message, a formula."""
+
+class KnowledgeMessage(Protocol):
+    """A ROS message KnowledgeItem."""
+
+    @property
+    def knowledge_type(self) -> int:
+        """Which of the five types it is."""
+
+
+Knowledge = str | KnowledgeItem | Condition | KnowledgeMessage | Mapping[str, Any]
+"""A piece of knowledge: PDDL text, an item, or a ROS message, as an object or as a mapping of the same shape."""
+
+Question = Knowledge | ExprComposite | formulas.Formula | NumericExpression
+"""A question: a piece of knowledge, or a condition or an expression of the model."""
 
 _ITEMS = (Instance, Fact, Function, Expression, Inequality)
 _FORMULAS = get_args(formulas.Formula)
 
 
-def as_item(knowledge: object, symbol_table: SymbolTable) -> KnowledgeItem:
+def as_item(knowledge: Question, symbol_table: SymbolTable) -> KnowledgeItem:
     """The item that is meant by PDDL text, a message, a mapping in its shape, or an object with its attributes."""
     if isinstance(knowledge, str):
         item = parse_item(knowledge, symbol_table.domain)
@@ -71,7 +83,7 @@ def as_condition(question: Question, symbol_table: SymbolTable) -> formulas.Form
     return condition_of(item, symbol_table.domain)
 
 
-def as_expression(question: object, symbol_table: SymbolTable) -> NumericExpression:
+def as_expression(question: Question, symbol_table: SymbolTable) -> NumericExpression:
     """The numeric expression whose value is asked for."""
     if isinstance(question, str):
         return parse_expression(question)
@@ -116,7 +128,7 @@ def _unlabelled(item: Fact | Function, symbol_table: SymbolTable) -> Fact | Func
     return type(item).model_validate({**item.model_dump(), "values": list(arguments)})
 
 
-def item(text_or_mapping: object, domain: Domain | None = None) -> KnowledgeItem:
+def item(text_or_mapping: Knowledge, domain: Domain | None = None) -> KnowledgeItem:
     """The knowledge item of a PDDL text, a mapping in the shape of the ROS message, or an object with its attributes.
 
     >>> str(item("(not (door_open wp7))"))

@@ -7,9 +7,9 @@ what was on record (`kbstore.planning.simulator`); or refused, as history has be
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from kbstore.clock import OPEN, TIME_LIMIT, Clock, isoformat, time
+from kbstore.clock import OPEN, TIME_LIMIT, Clock, TimeLike, isoformat, time
 from kbstore.errors import ClockWentBackwards, HistoryUnavailable
-from kbstore.model.results import Transaction
+from kbstore.model.results import AsOf, Transaction
 from kbstore.storage.repository import Head, LogPosition, Repository, RunRow
 
 
@@ -79,7 +79,7 @@ class Resolver:
 
     # -- instants ---------------------------------------------------------------------------------------------
 
-    def resolve(self, repository: Repository, at: object = None, as_of: object = None) -> TemporalPoint:
+    def resolve(self, repository: Repository, at: TimeLike | None = None, as_of: AsOf | None = None) -> TemporalPoint:
         """Return the instant that a question means, on the snapshot that the repository reads.
 
         Raises `HistoryUnavailable` for one that has been archived away, `InvalidTime` for what is not a time.
@@ -90,8 +90,8 @@ class Resolver:
         if isinstance(as_of, Transaction):
             believed = repository.after_transaction(as_of.number, as_of.time)
         elif as_of is not None:
-            believed = LogPosition(min(time(as_of), now))
-        t = now if at is None else time(at)
+            believed = LogPosition(min(time(as_of, now), now))
+        t = now if at is None else time(at, now)
         self.refuse_archived(t, head)
         self.refuse_archived(believed.time, head)
         is_as_of = as_of is not None
@@ -119,15 +119,18 @@ class Resolver:
             return False
         return head.history_from <= t < TIME_LIMIT
 
-    def resolve_span(self, repository: Repository, since: object, until: object) -> tuple[int, int, TemporalPoint]:
+    def resolve_span(
+        self, repository: Repository, since: TimeLike | None, until: TimeLike | None
+    ) -> tuple[int, int, TemporalPoint]:
         """Return a span of time as ``since <= t < until``, and now.
 
         `since` None is the beginning, `until` None the end of time. Raises `HistoryUnavailable` where the span reaches
         into what has been archived away.
         """
         point = self.resolve(repository)
-        first = 0 if since is None else time(since)
-        last = OPEN if until is None else time(until)
+        now = point.valid_time
+        first = 0 if since is None else time(since, now)
+        last = OPEN if until is None else time(until, now)
         self.refuse_archived(first, point.head)
         if until is not None:
             self.refuse_archived(max(first, last - 1), point.head)

@@ -7,6 +7,7 @@ from dataclasses import replace
 from kbstore.model.results import Assertion, Change, Transaction
 from kbstore.model.symbols import SymbolTable
 from kbstore.reading.history import History, matches
+from kbstore.reading.questions import Knowledge
 from kbstore.reading.reader import Reader
 from kbstore.storage.repository import LogPosition, Repository
 
@@ -15,7 +16,7 @@ class Watch:
     """Follows one knowledge base from a change on; misses nothing, and repeats nothing."""
 
     def __init__(
-        self, reader: Reader, history: History, pattern: object, *, poll: float, timeout: float | None
+        self, reader: Reader, history: History, pattern: Knowledge | None, *, poll: float, timeout: float | None
     ) -> None:
         self._reader = reader
         self._history = history
@@ -35,7 +36,7 @@ class Watch:
                 symbol_table = self._symbols(repository)
             for change in found:
                 last = change.transaction
-                wanted = change if self._pattern is None else self._matching(change, symbol_table)
+                wanted = change if self._pattern is None else _matching(change, self._pattern, symbol_table)
                 if wanted is not None:
                     yield wanted
             if found:
@@ -83,12 +84,15 @@ class Watch:
         head = repository.head()
         return self._reader.symbol_table(repository, head, LogPosition(self._reader.resolver.now(head)))
 
-    def _matching(self, change: Change, symbol_table: SymbolTable) -> Change | None:
-        def kept(assertions: list[Assertion]) -> list[Assertion]:
-            state = [found for found in assertions if not found.is_goal]
-            return [found for found in state if matches(self._pattern, found.item, symbol_table)]
 
-        asserted, ended, cancelled = kept(change.asserted), kept(change.ended), kept(change.cancelled)
-        if not (asserted or ended or cancelled):
-            return None
-        return replace(change, asserted=asserted, ended=ended, cancelled=cancelled)
+def _matching(change: Change, pattern: Knowledge, symbol_table: SymbolTable) -> Change | None:
+    """Return the change with the assertions that match; None if there are none."""
+
+    def kept(assertions: list[Assertion]) -> list[Assertion]:
+        state = [found for found in assertions if not found.is_goal]
+        return [found for found in state if matches(pattern, found.item, symbol_table)]
+
+    asserted, ended, cancelled = kept(change.asserted), kept(change.ended), kept(change.cancelled)
+    if not (asserted or ended or cancelled):
+        return None
+    return replace(change, asserted=asserted, ended=ended, cancelled=cancelled)

@@ -12,7 +12,7 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
-from kbstore.clock import isoformat, time
+from kbstore.clock import TimeLike, isoformat, time
 from kbstore.errors import HistoryUnavailable, InvalidTime
 from kbstore.reading.reader import Reader
 from kbstore.storage.connection import StoreConnection
@@ -38,7 +38,7 @@ class Archived:
 
 
 def archive(
-    reader: Reader, before: object, path: str | os.PathLike[str], *, progress: Progress | None = None
+    reader: Reader, before: TimeLike, path: str | os.PathLike[str], *, progress: Progress | None = None
 ) -> Archived:
     """Move the history of a knowledge base before a time into an archive; see `KnowledgeBase.archive`."""
     return _Archiving(reader, time(before), Path(path), progress).done()

@@ -4,7 +4,7 @@ from collections import defaultdict
 from collections.abc import Sequence
 
 from kbstore import clock
-from kbstore.clock import SECOND
+from kbstore.clock import SECOND, DurationLike
 from kbstore.errors import DivisionByZero, HistoryUnavailable, InvalidKnowledge, NotApplicable, UndefinedFunction
 from kbstore.evaluation.interpretation import Interpretation
 from kbstore.messages import KnowledgeType
@@ -71,7 +71,9 @@ class ActionExecutor:
         _refuse(state, action, planning.unsatisfied(action, state.snapshot, at_start=found))
         self._carry_out(handlers, found, state)
 
-    def start(self, state: State, handlers: Handlers, operator: str, arguments: Sequence[str], duration: object) -> Run:
+    def start(
+        self, state: State, handlers: Handlers, operator: str, arguments: Sequence[str], duration: DurationLike | None
+    ) -> Run:
         """Start a durative action."""
         action = _grounded(state, operator, arguments)
         if not action.action.durative:
@@ -157,7 +159,7 @@ class ActionExecutor:
         return None
 
     @staticmethod
-    def _duration(action: GroundAction, world: Interpretation, given: object) -> int:
+    def _duration(action: GroundAction, world: Interpretation, given: DurationLike | None) -> int:
         if given is not None:
             return clock.duration(given)
         fixed = planning.fixed_duration(action, world)

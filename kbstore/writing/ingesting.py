@@ -6,6 +6,7 @@ from itertools import islice
 
 from kbstore.errors import InvalidKnowledge, KbStoreError
 from kbstore.model.results import Transaction
+from kbstore.reading.questions import Knowledge
 from kbstore.writing.unit_of_work import OpenTransaction
 
 BATCH = 10_000
@@ -31,7 +32,7 @@ class Ingested(Transaction):
 
 
 def ingest(
-    begin: Callable[[], OpenTransaction], items: Iterable[object], *, batch: int, progress: Counted | None
+    begin: Callable[[], OpenTransaction], items: Iterable[Knowledge], *, batch: int, progress: Counted | None
 ) -> Ingested:
     """Add all items; see `KnowledgeBase.ingest`."""
     if batch < 1:
@@ -54,12 +55,12 @@ def ingest(
     return Ingested(last.number, last.time, last.client, last.note, changes, done, batches)
 
 
-def _chunks(items: Iterator[object], size: int) -> Iterator[list[object]]:
+def _chunks(items: Iterator[Knowledge], size: int) -> Iterator[list[Knowledge]]:
     while chunk := list(islice(items, size)):
         yield chunk
 
 
-def _add(transaction: OpenTransaction, chunk: Sequence[object], before: int) -> None:
+def _add(transaction: OpenTransaction, chunk: Sequence[Knowledge], before: int) -> None:
     """Add a batch; what is wrong is said of the item that it is wrong with, counted from 1 over all batches."""
     try:
         transaction.add(*chunk)

@@ -1,12 +1,13 @@
 """Unit of work: a transaction takes the write lock and reads now, collects updates, and stores them at once."""
 
 import json
+import os
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import AbstractContextManager, ExitStack, nullcontext
 from types import TracebackType
 from typing import Self, TypeVar
 
-from kbstore.clock import time
+from kbstore.clock import DurationLike, TimeLike, time
 from kbstore.errors import Conflict, InvalidKnowledge, KbStoreError
 from kbstore.evaluation.snapshot import Snapshot, StateRow
 from kbstore.messages import KnowledgeType, UpdateType
@@ -18,7 +19,7 @@ from kbstore.model.timelines import Identity, Role, Timeline
 from kbstore.pddl.domain_reader import read_domain
 from kbstore.pddl.problem_reader import read_problem
 from kbstore.reading.mentions import mentions
-from kbstore.reading.questions import Question
+from kbstore.reading.questions import Knowledge, Question
 from kbstore.reading.reader import Reader
 from kbstore.reading.state import State
 from kbstore.reading.state_data import StateData
@@ -181,53 +182,55 @@ class OpenTransaction:
 
     # -- updates ----------------------------------------------------------------------------------------------
 
-    def add(self, *items: object, initial_time: object = None) -> None:
+    def add(self, *items: Knowledge, initial_time: TimeLike | None = None) -> None:
         """Add knowledge to the state; `initial_time` counts for items without one of their own."""
         self._update(Role.STATE, items_in, self._open_handlers().add, items, initial_time)
 
-    def remove(self, *items: object, initial_time: object = None) -> None:
+    def remove(self, *items: Knowledge, initial_time: TimeLike | None = None) -> None:
         """Remove what holds and matches; with a time after now, cancel what is scheduled for it."""
         self._update(Role.STATE, items_in, self._open_handlers().remove, items, initial_time)
 
-    def add_goal(self, *goals: object, initial_time: object = None) -> None:
+    def add_goal(self, *goals: Knowledge, initial_time: TimeLike | None = None) -> None:
         """Add to the goal; a conjunction is split into its parts."""
         self._update(Role.GOAL, goals_in, self._open_handlers().add_goal, goals, initial_time)
 
-    def remove_goal(self, *goals: object, initial_time: object = None) -> None:
+    def remove_goal(self, *goals: Knowledge, initial_time: TimeLike | None = None) -> None:
         """Remove from the goal."""
         self._update(Role.GOAL, goals_in, self._open_handlers().remove_goal, goals, initial_time)
 
-    def add_metric(self, *metrics: object, initial_time: object = None) -> None:
+    def add_metric(self, *metrics: Knowledge, initial_time: TimeLike | None = None) -> None:
         """Set the metric."""
         self._update(Role.STATE, items_in, self._open_handlers().add_metric, metrics, initial_time)
 
-    def remove_metric(self, *metrics: object, initial_time: object = None) -> None:
+    def remove_metric(self, *metrics: Knowledge, initial_time: TimeLike | None = None) -> None:
         """Remove the metric; if one is given, only if it is that one."""
         if metrics:
             self._update(Role.STATE, items_in, self._open_handlers().remove_metric, metrics, initial_time)
             return
-        handlers, t = self._open_handlers(), max(_time(initial_time), self.now)
+        handlers, t = self._open_handlers(), max(_time(initial_time, self.now), self.now)
         self._apply([lambda: handlers.remove_metric(None, t)])
 
     def _update(
         self,
         role: Role,
-        read: Callable[[object, SymbolTable], Sequence[Item]],
+        read: Callable[[Knowledge, SymbolTable], Sequence[Item]],
         handler: Callable[[Item, int], Violations],
-        given: Iterable[object],
-        initial_time: object,
+        given: Iterable[Knowledge],
+        initial_time: TimeLike | None,
     ) -> None:
         """Read everything that is given, and let a handler take it, all or nothing."""
-        batch = Batch(self.now, _time(initial_time))
+        batch = Batch(self.now, _time(initial_time, self.now))
         with gc_paused():
             for knowledge in given:
                 batch.read(role, read, handler, knowledge, self._symbols)
             self._apply_batch(batch)
 
-    def update(self, updates: Iterable[tuple[UpdateType | int, object]], *, initial_time: object = None) -> None:
+    def update(
+        self, updates: Iterable[tuple[UpdateType | int, Knowledge]], *, initial_time: TimeLike | None = None
+    ) -> None:
         """Do several updates, in order, all or none."""
         handlers = self._open_handlers()
-        batch = Batch(self.now, _time(initial_time))
+        batch = Batch(self.now, _time(initial_time, self.now))
         with gc_paused():
             for update in updates:
                 batch.read_update(update, handlers, self._symbols)
@@ -245,7 +248,13 @@ class OpenTransaction:
 
     # -- domains and problems ---------------------------------------------------------------------------------
 
-    def load(self, domain: object = None, problem: object = None, *, replace: bool = False) -> None:
+    def load(
+        self,
+        domain: str | os.PathLike[str] | None = None,
+        problem: str | os.PathLike[str] | None = None,
+        *,
+        replace: bool = False,
+    ) -> None:
         """Load a domain, and a problem: paths, or PDDL text. `replace` clears first (rules D4, P3)."""
         self._open_handlers()
         self._is_whole = False
@@ -253,9 +262,11 @@ class OpenTransaction:
             self._load(domain, problem, replace=replace)
         self._is_whole = True
 
-    def _load(self, domain: object, problem: object, *, replace: bool) -> None:
-        loaded = self._symbols.domain if domain is None else read_domain(domain)  # type: ignore[arg-type]
-        read = None if problem is None else read_problem(problem, loaded)  # type: ignore[arg-type]
+    def _load(
+        self, domain: str | os.PathLike[str] | None, problem: str | os.PathLike[str] | None, *, replace: bool
+    ) -> None:
+        loaded = self._symbols.domain if domain is None else read_domain(domain)
+        read = None if problem is None else read_problem(problem, loaded)
         if replace:
             self.clear()
         if loaded is not None and domain is not None:
@@ -301,7 +312,7 @@ class OpenTransaction:
         """Do the whole of an instantaneous action (rules O2, O3)."""
         self._act(lambda: self._executor.apply(self.state(), self._handlers, operator, arguments))
 
-    def start(self, operator: str, *arguments: str, duration: object = None) -> Run:
+    def start(self, operator: str, *arguments: str, duration: DurationLike | None = None) -> Run:
         """Start a durative action: its at-start effects, and its continuous ones begin."""
         return self._act(lambda: self._executor.start(self.state(), self._handlers, operator, arguments, duration))
 
@@ -351,5 +362,5 @@ class OpenTransaction:
         return self.state().value(question)
 
 
-def _time(initial_time: object) -> int:
-    return 0 if initial_time is None else time(initial_time)
+def _time(initial_time: TimeLike | None, now: int) -> int:
+    return 0 if initial_time is None else time(initial_time, now)

@@ -3,7 +3,7 @@
 from collections import defaultdict
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from kbstore.errors import InvalidKnowledge, KbStoreError, UnknownSymbol
 from kbstore.messages import Condition, Fact, Function, Goal, Inequality, KnowledgeItem, UpdateType
@@ -11,7 +11,7 @@ from kbstore.model.symbols import SymbolTable
 from kbstore.model.timelines import Role
 from kbstore.pddl.parse import condition_of, goals_of
 from kbstore.pddl.problem_reader import Problem
-from kbstore.reading.questions import as_condition, as_item
+from kbstore.reading.questions import Knowledge, Question, as_condition, as_item
 from kbstore.writing.handlers import Handlers
 from kbstore.writing.resolution import Violations
 
@@ -52,9 +52,9 @@ class Batch:
     def read(
         self,
         role: Role,
-        read: Callable[[object, SymbolTable], Sequence[Item]],
+        read: Callable[[Knowledge, SymbolTable], Sequence[Item]],
         handler: Callable[[Item, int], Violations],
-        given: object,
+        given: Knowledge,
         symbols: SymbolTable,
     ) -> None:
         """The same for what a caller gave, once it is read; what cannot be read fails in its turn."""
@@ -94,7 +94,7 @@ def _fail(given: object, error: KbStoreError) -> Violations:
     raise error
 
 
-def _kind_and_knowledge(update: object) -> tuple[UpdateType, object]:
+def _kind_and_knowledge(update: object) -> tuple[UpdateType, Any]:
     """The kind and the knowledge of an update in a list. Raises `InvalidKnowledge` for anything but a pair."""
     if isinstance(update, tuple | list) and len(update) == 2:
         try:
@@ -108,12 +108,12 @@ def _kind_and_knowledge(update: object) -> tuple[UpdateType, object]:
     )
 
 
-def items_in(given: object, symbols: SymbolTable) -> Sequence[KnowledgeItem]:
+def items_in(given: Knowledge, symbols: SymbolTable) -> Sequence[KnowledgeItem]:
     """The item that a caller gave as a message or text."""
     return [as_item(given, symbols)]
 
 
-def goals_in(knowledge: object, symbols: SymbolTable) -> Sequence[Goal]:
+def goals_in(knowledge: Question, symbols: SymbolTable) -> Sequence[Goal]:
     """The goals that a caller gave as a message, text or formula; of a conjunction, its parts (rule C10)."""
     if isinstance(knowledge, Fact):
         return [knowledge]

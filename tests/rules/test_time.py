@@ -138,6 +138,56 @@ def test_every_question_refuses_a_float_for_a_time(kb, question):
         getattr(kb, question)(*about.get(question, ("(raining)",)), at=1000.0)
 
 
+@pytest.mark.parametrize(
+    ("form", "away"),
+    [
+        ("now", 0),
+        ("-5m", -seconds(300)),
+        ("+30s", seconds(30)),
+        ("-1h30m", -seconds(5400)),
+        ("+0.5us", 500),
+        (" -250ms ", -250_000_000),
+        ("+1ns", 1),
+    ],
+)
+def test_text_with_a_sign_is_relative_to_now(open_kb, form, away):
+    """T2: wherever a knowledge base takes a time, as on the command line."""
+    now = START + seconds(7200)
+    clock = kbstore.ManualClock(START)
+    kb = open_kb(clock=clock)
+    kb.add("(raining)")
+    clock.set(now)
+    t = now + away
+    assert kb.state(form).at == t
+    assert kb.state(at=now, as_of=form).at == now
+    for _ in range(2):
+        # the second time, the question has been prepared
+        assert kb.truth("(raining)", at=form) is kbstore.Truth.of(t >= START)
+        assert kb.value("(+ 1 2)", at=form) == 3
+    assert kb.when("(raining)", form, "+1h") == [(max(t, START), now + seconds(3600))]
+    assert [str(item) for item in kb.diff(START - 1, form).became_true] == (["(raining)"] if t >= START else [])
+    assert len(kb.history("(raining)", since=form)) == 1
+    assert len(kb.history("(raining)", until=form)) == (t > START)
+    kb.add("(snowing)", initial_time=form)
+    with kb.transaction() as tx:
+        tx.add("(windy)", initial_time=form)
+    taken = [found.initial_time for name in ("snowing", "windy") for found in kb.history(f"({name})")]
+    assert taken == [max(t, now)] * 2
+
+
+def test_relative_text_needs_a_now(kb):
+    """T2: what stands in an item, or is converted alone, is an absolute time; the error says so."""
+    with pytest.raises(kbstore.InvalidTime, match="relative to now"):
+        kbstore.time("-5m")
+    with pytest.raises(kbstore.InvalidTime, match="relative to now"):
+        kb.add({"knowledge_type": 1, "attribute_name": "raining", "initial_time": "+30s"})
+    for wrong in ("-5", "- 5m", "5m", "-5 minutes", "soon"):
+        with pytest.raises(kbstore.InvalidTime, match="like -5m"):
+            kb.state(wrong)
+    with pytest.raises(kbstore.InvalidTime, match="outside"):
+        kb.state("-99999d")
+
+
 def test_seconds_are_exact():
     """T2: `seconds` gives nanoseconds without the rounding of binary fractions."""
     assert seconds(12.5) == 12_500_000_000
