@@ -43,7 +43,7 @@ def stores(history, tmp_path_factory):
 
 
 @pytest.mark.parametrize("table", _CONTENT)
-def test_written_directly_is_written_alike(stores, table):
+def test_histories_written_directly_equal_those_of_the_public_methods(stores, table):
     """Each table has the same rows, whichever way the history came into it; only row numbers may differ."""
     filled, told = (_rows(store, _CONTENT[table]) for store in stores)
     assert filled

@@ -40,8 +40,8 @@ def make(kind, tmp_path):
 
 
 @pytest.mark.parametrize("shape", [UNIFORM, PASSING])
-def test_a_peer_knows_what_stood_when(make, shape):
-    """At six times a peer's state is what the changes up to then leave, and a point is what the state says."""
+def test_a_peer_answers_state_and_point_queries_rightly(make, shape):
+    """At six times a peer's state is what the changes up to then leave, and a point query agrees with it."""
     history = History(shape, _SIZE)
     peer = make()
     peer.tell(changes(history))
@@ -70,8 +70,8 @@ def test_a_peer_takes_single_changes_and_many_facts(make):
     assert not peer.point("seen cup", t + STEP)
 
 
-def test_continuum_is_told_as_its_session_would(tmp_path):
-    """The versions that are written directly are those that a session writes, change by change."""
+def test_rows_written_directly_for_continuum_are_those_of_its_session(tmp_path):
+    """Change by change, the versions are the same."""
     pytest.importorskip("sqlalchemy_continuum", reason="pip install SQLAlchemy-Continuum")
     from benchmarks.peers.continuum import Continuum
 

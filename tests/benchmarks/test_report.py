@@ -26,8 +26,8 @@ def test_figures_have_units_that_suit_them(figure, unit, text):
     assert amount(figure, unit) == text
 
 
-def test_what_is_missing_stands_in_the_table():
-    """A peer that is not installed has a row that says so."""
+def test_a_peer_that_is_not_installed_has_a_row():
+    """The row says that it is not installed."""
     output = io.StringIO()
     show([Result("state", "raw", 3.0, 2.0), Missing("DuckDB", "not installed")], Console(file=output, width=120))
     table = output.getvalue()

@@ -58,7 +58,7 @@ def test_a_time_is_read(typed, meant):
         "9" * 5000,
     ],
 )
-def test_what_is_no_time_is_refused(typed):
+def test_text_that_is_not_a_time_is_refused(typed):
     """Anything else is an `InvalidTime` (T2)."""
     with pytest.raises(InvalidTime):
         parse_time(typed, NOW)

@@ -37,7 +37,7 @@ def test_a_narrower_table_folds_its_widest_column():
     assert lines[4].startswith(" " * 41)
 
 
-def test_without_room_for_columns_each_row_is_lines():
+def test_a_very_narrow_table_writes_each_cell_on_its_own_line():
     """The first cell, then what the others say, each after its heading; empty ones say nothing."""
     assert shown(44) == [
         "Facts",

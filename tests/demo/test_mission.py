@@ -51,7 +51,7 @@ def test_the_robot_is_where_it_was_told(kenny, at, place):
     assert there == ([] if place is None else [place])
 
 
-def test_the_belief_before_the_alarm_is_of_a_future_that_did_not_come(kenny):
+def test_the_belief_before_the_alarm_expects_the_lab(kenny):
     """At 09:00:45 the run was to end at 09:01:20 in the lab, at 41 - 10 = 31 percent, with the door open (Q2)."""
     belief = kenny.state(at=moment("09:02:00"), as_of=moment("09:00:45"))
     came = kenny.state(at=moment("09:02:00"))

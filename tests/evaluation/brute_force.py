@@ -29,7 +29,7 @@ from kbstore.model.formulas import (
     Same,
     Truism,
 )
-from tests.evaluation.worlds import World
+from tests.evaluation.interpretations import World
 
 FALSE, UNKNOWN, TRUE = 0.0, 0.5, 1.0
 TRUTHS = {FALSE: Truth.FALSE, UNKNOWN: Truth.UNKNOWN, TRUE: Truth.TRUE}

@@ -26,7 +26,7 @@ from kbstore.model.formulas import (
     Same,
     Truism,
 )
-from tests.evaluation.worlds import History, World, signature, signatures
+from tests.evaluation.interpretations import History, World, signature, signatures
 
 X, Y, Z = "?x", "?y", "?z"
 ZERO = (0.0,)

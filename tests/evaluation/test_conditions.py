@@ -26,8 +26,8 @@ from kbstore.model.formulas import (
     Truism,
 )
 from tests.evaluation import brute_force
+from tests.evaluation.interpretations import World
 from tests.evaluation.strategies import DOMAIN, FREE_OF_RULES, conditions, exists, forall, worlds
-from tests.evaluation.worlds import World
 
 T, F, U = Truth.TRUE, Truth.FALSE, Truth.UNKNOWN
 GREATER, EQUALS = ComparisonType.GREATER, ComparisonType.EQUALS
@@ -314,7 +314,7 @@ def test_v7_a_wildcard_in_a_comparison_is_refused(condition: Formula) -> None:
         truth(condition, world())
 
 
-def test_v7_a_bound_variable_is_no_wildcard() -> None:
+def test_v7_a_bound_variable_is_not_a_wildcard() -> None:
     """V7: what a quantifier or the caller binds stands for its object."""
     told = world(numbers={"level r1": 1.0, "level r2": 3.0})
     assert truth(compare("level ?r", GREATER, 2.0), told, {"r": "r2"}) is T

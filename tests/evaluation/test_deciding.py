@@ -19,8 +19,8 @@ from kbstore.model.formulas import (
     Truism,
 )
 from tests.evaluation import brute_force
+from tests.evaluation.interpretations import World
 from tests.evaluation.strategies import DOMAIN, conditions, exists, forall, worlds
-from tests.evaluation.worlds import World
 
 T, F, U = Truth.TRUE, Truth.FALSE, Truth.UNKNOWN
 ALARM = Atom("alarm")
@@ -103,8 +103,8 @@ def test_questions_are_checked_first() -> None:
 
 @settings(max_examples=50, deadline=None)
 @given(conditions(), worlds())
-def test_every_part_has_the_truth_that_it_is_said_to_have(condition: Formula, world: World) -> None:
-    """V6: parts are ground, no connectives, and have the truth that comes with them."""
+def test_every_deciding_part_has_the_truth_value_that_comes_with_it(condition: Formula, world: World) -> None:
+    """V6: parts are ground, contain no connectives, and have the stated truth value."""
     parts = deciding(condition, world)
     assert parts
     for part, part_truth in parts:

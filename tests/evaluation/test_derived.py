@@ -25,8 +25,8 @@ from kbstore.model.formulas import (
 )
 from kbstore.model.stratification import strata
 from tests.evaluation import brute_force
+from tests.evaluation.interpretations import History, World, signatures
 from tests.evaluation.strategies import DOMAIN, RULES, exists, forall, rule, worlds
-from tests.evaluation.worlds import History, World, signatures
 
 T, F, U = Truth.TRUE, Truth.FALSE, Truth.UNKNOWN
 
@@ -81,7 +81,7 @@ def test_v9_transitive_closure() -> None:
     assert truth(Atom("reach", ("?", "c")), world) is T
 
 
-def test_v9_in_an_open_world_false_takes_a_proof() -> None:
+def test_v9_in_an_open_world_false_needs_proof() -> None:
     """V9: false only if not derivable even where unknown is read as true."""
     denied = {f"edge_{a}_{b}": False for a, b in product("abc", "de")}
     world = graph(REACH, "ab", "bc", unknowns=True, **denied)
@@ -92,8 +92,8 @@ def test_v9_in_an_open_world_false_takes_a_proof() -> None:
     assert truth(Atom("reach", ("a", "?")), world) is T
 
 
-def test_v8_a_wildcard_beside_a_missing_object_matches_no_object_where_there_is_none() -> None:
-    """V7, V8: in an open world absent, and so unknown, of any object there is; false if there is none."""
+def test_v8_a_wildcard_next_to_a_missing_object() -> None:
+    """V7, V8: in an open world the atom is unknown while objects of the type exist, and false if there are none."""
     wild = Atom("reach", ("?", "ghost"))
     assert truth(wild, graph(REACH, unknowns=True)) is U
     assert truth(wild, World(REACH, use_unknowns=True)) is F
@@ -185,7 +185,7 @@ def test_v9_a_head_may_name_a_variable_twice() -> None:
     assert truth(Atom("same", ("b", "b")), World(about, use_unknowns=True, objects={"a": "node", "b": "node"})) is U
 
 
-def test_v9_no_rules_and_no_arguments() -> None:
+def test_v9_rules_that_are_never_true_and_heads_without_arguments() -> None:
     """V9: a predicate whose rules are never true is false, in an open world, too; heads may lack arguments."""
     about = domain(rule("never", Or(())), rule("always", Preference("p", Truism())))
     assert truth(Atom("never"), graph(about, unknowns=True)) is F
@@ -284,8 +284,8 @@ def test_recursion_through_a_negation_is_refused(body: Formula) -> None:
         truth(Atom("p", ("a",)), graph(about))
 
 
-def test_recursion_through_two_negations_is_none_through_a_negation() -> None:
-    """V9: what is negated twice is used positively."""
+def test_a_predicate_under_two_negations_counts_as_positive() -> None:
+    """V9: recursion through a double negation is allowed: what is negated twice is used positively."""
     about = domain(
         rule(
             "p x:node",
@@ -297,7 +297,7 @@ def test_recursion_through_two_negations_is_none_through_a_negation() -> None:
     assert [n for n in "abcde" if truth(Atom("p", (n,)), world) is T] == ["a", "b", "c"]
 
 
-def test_a_long_chain_of_rules_is_no_deep_recursion() -> None:
+def test_a_long_chain_of_rules_does_not_recurse() -> None:
     """V9: 3,000 derived predicates, each from the next, do not reach Python's recursion limit."""
     size = 3_000
     chain = [rule(f"p{i}", Atom(f"p{i + 1}") if i < size - 1 else Truism()) for i in range(size)]

@@ -11,7 +11,7 @@ from kbstore.evaluation.interpretation import Number
 from kbstore.messages import Operator, SpecialType
 from kbstore.model.expressions import NumericExpression
 from kbstore.model.formulas import Atom
-from tests.evaluation.worlds import World
+from tests.evaluation.interpretations import World
 
 ADD, SUB, MUL, DIV, MINUS = Operator.ADD, Operator.SUB, Operator.MUL, Operator.DIV, Operator.UMINUS
 BATTERY = Atom("Battery", ("Kenny",))
@@ -148,7 +148,7 @@ def test_a_function_that_has_moved_beyond_all_doubles_is_refused() -> None:
 
 
 @pytest.mark.parametrize("token", [math.nan, math.inf, "5", None])
-def test_what_is_no_finite_number_is_refused(token: float) -> None:
+def test_infinities_and_nan_are_refused(token: float) -> None:
     """C7: NaN and infinities are InvalidKnowledge."""
     with pytest.raises(InvalidKnowledge, match="write a finite number or a function"):
         evaluate((ADD, 1.0, token), NOWHERE)
@@ -162,7 +162,7 @@ def test_a_wildcard_in_a_function_is_refused_with_advice(argument: str) -> None:
 
 
 @pytest.mark.parametrize("expression", [(), (ADD, 1.0), (1.0, 2.0), (MINUS,), (ADD, ADD, 1.0, 2.0)])
-def test_tokens_that_are_no_expression_are_refused(expression: NumericExpression) -> None:
+def test_tokens_that_are_not_an_expression_are_refused(expression: NumericExpression) -> None:
     """An expression is one expression in prefix order."""
     with pytest.raises(InvalidKnowledge, match=r"prefix order|is empty"):
         evaluate(expression, NOWHERE)

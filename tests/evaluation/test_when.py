@@ -15,6 +15,7 @@ from kbstore.messages import ComparisonType, Operator, SpecialType, Truth
 from kbstore.model.expressions import NumericExpression
 from kbstore.model.formulas import And, Atom, Comparison, Defined, Formula, Imply, IsA, Not, Or, Same, Truism
 from tests.evaluation import brute_force
+from tests.evaluation.interpretations import History
 from tests.evaluation.strategies import (
     DOMAIN,
     FREE_OF_RULES,
@@ -25,7 +26,6 @@ from tests.evaluation.strategies import (
     forall,
     histories,
 )
-from tests.evaluation.worlds import History
 
 T, F, U = Truth.TRUE, Truth.FALSE, Truth.UNKNOWN
 GREATER, LESS, LESSEQ, EQUALS = (
@@ -114,7 +114,7 @@ def test_crossings_are_exact_to_the_nanosecond(
 
 @settings(max_examples=30, deadline=None)
 @given(conditions(), histories(), st.integers(0, 20))
-def test_a_moment_of_a_course_is_the_world_at_that_time(condition: Formula, trajectory: History, t: int) -> None:
+def test_moment_gives_the_state_at_one_time_of_the_span(condition: Formula, trajectory: History, t: int) -> None:
     """Q4: `moment` gives what stands at one time of the span."""
     t = trajectory.span[0] + t % (trajectory.span[1] - trajectory.span[0])
     view, world = when.moment(trajectory, t), trajectory.at(t)
@@ -180,7 +180,7 @@ def test_v7_wildcards_over_time() -> None:
     ]
 
 
-def test_v7_a_denial_that_ends_is_no_denial() -> None:
+def test_v7_a_wildcard_is_unknown_again_when_an_explicit_negative_ends() -> None:
     """V7: in an open world a wildcard is unknown again when something is no longer denied."""
     objects = {"r1": [(0, 100, "robot")]}
     trajectory = history(unknowns=True, objects=objects, facts={"at r1 home": [(10, 20, False)]})

@@ -60,8 +60,8 @@ def test_a_planner_finds_a_plan_that_its_validator_accepts(kairos: Any):
         assert validator.validate(problem, plan)
 
 
-def test_a_planner_sees_what_cannot_be(kairos: Any):
-    """The same problem with an empty battery has no plan: the continuous effect counts."""
+def test_a_planner_finds_no_plan_for_an_empty_battery(kairos: Any):
+    """The same problem has no plan if the battery is empty: the continuous effect counts."""
     problem = to_problem(state(GO, init=[*INIT, "(= (battery kenny) 5)"], goals=["(visited wp1)"], timed={3: "(open)"}))
     with kairos.OneshotPlanner(name="kairos") as planner:
         assert planner.solve(problem, timeout=10).plan is None

@@ -58,8 +58,8 @@ def test_a_time_triggered_plan_starts_and_ends(problem: Any):
     ]
 
 
-def test_ends_come_before_what_begins_at_the_same_time(problem: Any):
-    """What begins may need what an end brings about; an action without length ends after its start."""
+def test_ends_come_before_starts_of_the_same_time(problem: Any):
+    """A start may need what an end brings about; an action without length ends after its own start."""
     plan = TimeTriggeredPlan(
         [
             (Fraction(5), go(problem, "wp1", "wp0"), Fraction(0)),

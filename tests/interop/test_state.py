@@ -37,7 +37,7 @@ def test_timed_knowledge_is_relative_to_the_state():
     assert effects[GlobalStartTiming(3)].value.constant_value() == Fraction(1, 2)
 
 
-def test_what_runs_brings_its_end_effects():
+def test_runs_become_timed_effects_at_their_expected_ends():
     """O4: the end effects of what runs are timed effects at the expected end."""
     run = "(go kenny wp0 wp1)"
     problem = to_problem(state(ends=[(40, "(at kenny wp1)", run), (40, "(not (open))", run)], at=10))
@@ -46,7 +46,7 @@ def test_what_runs_brings_its_end_effects():
     assert [str(effect) for effect in effects] == ["At(kenny, wp1) := true", "open := false"]
 
 
-def test_what_running_actions_move_comes_to_rest():
+def test_a_function_that_runs_move_stands_still_in_the_problem():
     """O3, O4: a function that runs move stands still until their ends, where it has the values expected then."""
     ends = [(20, "(= (battery kenny) 70)", "(go)"), (30, "(= (battery kenny) 65)", "(shine)")]
     moving = state(init=["(= (battery kenny) 80)"], ends=ends)
@@ -65,7 +65,7 @@ def test_what_running_actions_move_comes_to_rest():
         to_problem(moving)
 
 
-def test_the_last_word_about_one_thing_at_one_time_counts():
+def test_of_several_effects_at_one_time_the_last_counts():
     """V1: of what is said of one thing and one time, the later stands; an end effect comes after what is scheduled."""
     ends = [(5, "(= (speed) 2)", "(go)"), (5, "(= (speed) 3)", "(go)"), (5, "(not (open))", "(go)")]
     problem = to_problem(state(timed={5: "(open)"}, ends=ends))

@@ -6,7 +6,7 @@ from kbstore.model.domain import Domain
 from kbstore.model.expressions import NumericExpression
 from kbstore.model.formulas import Atom, Effect, Formula, NumericEffect, Parameter, Timing
 from kbstore.planning.grounding import GroundAction, ground
-from tests.evaluation.worlds import World, signatures
+from tests.evaluation.interpretations import World, signatures
 
 START, OVER_ALL, END = Timing.AT_START, Timing.OVER_ALL, Timing.AT_END
 DURATION = SpecialType.DURATION

@@ -7,7 +7,7 @@ from kbstore.evaluation.interpretation import Number
 from kbstore.messages import AssignOp, ComparisonType, Operator
 from kbstore.model.formulas import Add, Comparison, Delete, Effect, Exists, ForEach, Not, When
 from kbstore.planning.effects import Effects, NumericChange, Rate, StateAfter, evaluate, resulting
-from tests.evaluation.worlds import World
+from tests.evaluation.interpretations import World
 from tests.planning.robots import (
     DURATION,
     END,

@@ -29,7 +29,7 @@ from kbstore.model.formulas import (
 )
 from kbstore.planning.effects import StateAfter, evaluate
 from kbstore.planning.start_conditions import remembered
-from tests.evaluation.worlds import World
+from tests.evaluation.interpretations import World
 from tests.planning.robots import END, START, action, atom, grounded
 
 PLACES = ("wp0", "wp1", "depot")

@@ -166,7 +166,7 @@ def test_modules_are_small():
     assert {name for name, length in lengths.items() if length > LONGEST} == set(LONG)
 
 
-def test_what_only_type_checkers_see_is_no_import():
+def test_imports_for_type_checkers_do_not_count():
     """The tests of this file see imports wherever they are, but for those below TYPE_CHECKING."""
     tree = ast.parse(
         "import kbstore.clock\n"

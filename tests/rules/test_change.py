@@ -75,7 +75,7 @@ def test_a_transaction_that_changes_nothing_is_not_recorded(kb, steps):
 
 
 def test_an_object_removed_and_added_again_has_lost_its_facts(kb, clock):
-    """C1: the object itself goes on, what spoke of it ends; a fact told again there goes on, too."""
+    """C1: the object itself goes on; its facts end, unless they are added again with the same value."""
     kb.add("(open wp0)", "(near kenny wp0)")
     clock.set(START + 10)
     with kb.transaction() as tx:
@@ -88,22 +88,22 @@ def test_an_object_removed_and_added_again_has_lost_its_facts(kb, clock):
     assert intervals(kb, "wp0 - place") == [("wp0 - place", START, None, False)]
 
 
-def test_changes_counts_the_timelines(kb):
-    """C1: how many timelines changed; and a first answer before anything was told has the number 0."""
+def test_changes_counts_the_timelines_that_changed(kb):
+    """C1: how many timelines changed; without any transaction the number is 0."""
     assert kb.add("(raining)", "(open wp0)", "(open wp1)").changes == 3
     assert kb.add("(raining)", "(not (open wp0))").changes == 1
     assert kb.remove("(open ?)").changes == 1
 
 
 def test_a_knowledge_base_that_was_never_written_answers_with_number_zero(bare):
-    """C1: numbers begin at 1, so nothing recorded is 0."""
+    """C1: numbers begin at 1, so 0 means that nothing is recorded."""
     nothing = bare.remove("(p a)")
     assert (nothing.number, nothing.changes) == (0, 0)
     assert bare.add("(p a)").number == 1
 
 
 def test_a_transaction_carries_its_client_and_note(kb):
-    """C1: who wrote it, and why."""
+    """C1: they are recorded with it."""
     transaction = kb.add("(raining)", client="weather", note="hourly")
     assert (transaction.client, transaction.note, transaction.time) == ("weather", "hourly", START)
     (assertion,) = kb.history("(raining)")
@@ -111,7 +111,7 @@ def test_a_transaction_carries_its_client_and_note(kb):
 
 
 def test_leaving_a_transaction_by_an_exception_stores_nothing(kb):
-    """C1: inside its own writes are seen; after the exception they never were."""
+    """C1: within the block its writes are seen; after the exception they never happened."""
     before = picture(kb)
 
     def changing_my_mind():
@@ -128,7 +128,7 @@ def test_leaving_a_transaction_by_an_exception_stores_nothing(kb):
 
 
 def test_writing_through_the_knowledge_base_inside_a_transaction_is_an_error(kb):
-    """C1: it would wait for itself."""
+    """C1: it would wait for the lock that its own thread holds."""
     with pytest.raises(Exception, match=r"transaction"), kb.transaction():
         kb.add("(raining)")
     assert facts(kb) == []
@@ -150,8 +150,8 @@ def test_writing_through_the_knowledge_base_inside_a_transaction_is_an_error(kb)
     ],
     ids=["add", "remove", "update", "remove_metric", "apply", "clear", "load", "set_sensed", "abort", "state"],
 )
-def test_a_transaction_takes_nothing_outside_of_its_block(kb, act):
-    """C1: before it, and after it was left by either way, an update would be lost in silence."""
+def test_a_transaction_refuses_updates_outside_its_block(kb, act):
+    """C1: before the block and after it, an update would be lost silently."""
     kb.add("(open wp1)")
     before = facts(kb)
     with kb.transaction() as left:
@@ -190,7 +190,7 @@ def test_adding_what_stands_changes_nothing(kb, clock, text):
     assert (again.number, again.changes) == (first.number, 0)
 
 
-def test_a_function_that_moved_to_the_value_told_changes_nothing(kb, clock):
+def test_assigning_the_value_that_a_moving_function_has_reached_changes_nothing(kb, clock):
     """C2: the same value at now and the same rate."""
     kb.add(Function(attribute_name="battery", values=["kenny"], function_value=10, rate=2))
     clock.set(START + seconds(3))
@@ -357,15 +357,15 @@ def test_removing_with_a_future_time_cancels_what_is_scheduled_for_it(kb, clock)
 
 
 @pytest.mark.parametrize("offset", [9, 11])
-def test_a_cancelling_needs_exactly_the_time(kb, offset):
-    """C5: and leaves what stands alone."""
+def test_cancelling_needs_the_exact_time(kb, offset):
+    """C5: another time cancels nothing, and what stands is left alone."""
     kb.add("(raining)")
     kb.add("(raining)", initial_time=START + 10)
     assert kb.remove("(raining)", initial_time=START + offset).changes == 0
     assert facts(kb, START) == facts(kb, START + 10) == ["(raining)"]
 
 
-def test_a_cancelling_matches_the_sign_and_takes_patterns(kb):
+def test_cancelling_matches_signs_and_patterns(kb):
     """C5, V7: positive patterns cancel positive assertions."""
     at = START + 10
     kb.add("(open wp0)", "(open wp1)", "(not (open hall))", "(= (battery kenny) 3)", initial_time=at)
@@ -375,8 +375,8 @@ def test_a_cancelling_matches_the_sign_and_takes_patterns(kb):
     assert scheduled(kb) == []
 
 
-def test_a_removal_whose_time_has_come_is_a_removal(kb, clock):
-    """C4, C5: at the time itself what was scheduled stands, and is ended."""
+def test_a_removal_for_a_time_that_has_come_ends_what_stands(kb, clock):
+    """C4, C5: at its own time a scheduled assertion stands, and is ended rather than cancelled."""
     kb.add("(raining)", initial_time=START + 10)
     clock.set(START + 10)
     kb.remove("(raining)", initial_time=START + 10)
@@ -410,7 +410,7 @@ def test_another_type_needs_an_end_strictly_before(kb):
     assert kinds == ["wp0 - robot"]
 
 
-def test_a_cancelling_that_lets_two_types_meet_is_refused(kb):
+def test_a_cancellation_after_which_two_types_meet_is_refused(kb):
     """C6: the end between them stays."""
     kb.add("(not (wp0 - place))", initial_time=START + 9)
     kb.add("wp0 - robot", initial_time=START + 20)
@@ -420,8 +420,8 @@ def test_a_cancelling_that_lets_two_types_meet_is_refused(kb):
     assert picture(kb) == before
 
 
-def test_a_removal_that_lets_two_types_meet_is_refused(kb, clock):
-    """C6: removed and added with another type at one time, the two would touch."""
+def test_a_removal_after_which_two_types_meet_is_refused(kb, clock):
+    """C6: an object removed and added with another type at one time would have both at that time."""
     clock.set(START + 10)
     with pytest.raises(kbstore.InvalidKnowledge, match="wp0"):
         kb.update([(REMOVE, item("wp0 - place")), (ADD, item("wp0 - robot"))])
@@ -434,7 +434,7 @@ def test_a_removal_that_lets_two_types_meet_is_refused(kb, clock):
 
 
 def test_an_existence_of_no_length_does_not_count(kb, clock):
-    """C6: added and removed at one time, it was never there."""
+    """C6: an object that is added and removed at one time never existed."""
     clock.set(START + 10)
     kb.add("box - item")
     kb.remove("box")
@@ -442,8 +442,8 @@ def test_an_existence_of_no_length_does_not_count(kb, clock):
     assert "box - robot" in instances(kb)
 
 
-def test_an_existence_told_of_twice_lets_no_other_type_meet_it(kb, clock):
-    """C6: what was scheduled while it stood is the same existence, which no end strictly before has parted."""
+def test_scheduling_an_existing_object_again_does_not_make_room_for_another_type(kb, clock):
+    """C6: scheduling what stands is not an end, so no end lies strictly before the other type."""
     kb.add("kenny - robot", initial_time=START + 10)
     clock.set(START + 10)
     with pytest.raises(kbstore.InvalidKnowledge, match="until then"):

@@ -40,7 +40,7 @@ def test_removing_an_object_cancels_what_is_scheduled_for_it(kb):
 
 
 def test_facts_do_not_come_back_with_their_object(kb, clock):
-    """C9: they are lost."""
+    """C9: an object that is added again has none of its former facts."""
     kb.add("(open wp0)")
     clock.set(START + 10)
     kb.remove("wp0")
@@ -50,7 +50,7 @@ def test_facts_do_not_come_back_with_their_object(kb, clock):
 
 
 def test_removal_leaves_the_objects_own_schedule_alone(kb, clock):
-    """C9: and cancels what speaks of it only up to its next start."""
+    """C9: what mentions the object is cancelled only up to its next start."""
     kb.add(END, initial_time=START + 20)
     kb.add("wp0 - place", initial_time=START + 30)
     kb.add("(open wp0)", initial_time=START + 15)
@@ -85,8 +85,8 @@ def test_without_a_domain_a_removal_cancels_up_to_the_next_start(bare, clock):
     assert told == [("(open wp0)", 40)]
 
 
-def test_without_a_domain_a_removed_object_still_takes_its_facts_with_it(bare, clock):
-    """C9: existence is not checked, but an end is an end."""
+def test_without_a_domain_removing_an_object_still_ends_its_facts(bare, clock):
+    """C9: existence is not checked, but ends are kept."""
     bare.add("(open wp0)", "wp0 - place", "(near ghost wp0)", "(near ghost wp1)")
     clock.set(START + 10)
     bare.remove("wp0")
@@ -117,7 +117,7 @@ def test_a_scheduled_end_cancels_what_is_scheduled_from_then_on(kb):
     assert [facts(kb, START + at) for at in (8, 9, 10)] == [[], ["(open wp0)"], []]
 
 
-def test_a_fact_told_later_does_not_outlive_a_scheduled_end(kb, clock):
+def test_a_fact_added_later_does_not_outlive_a_scheduled_end(kb, clock):
     """C9: added for now, or scheduled before the end."""
     kb.add(END, initial_time=START + 10)
     clock.set(START + 5)
@@ -161,7 +161,7 @@ def test_moving_a_scheduled_end_moves_what_it_cuts_short(kb):
 
 
 def test_an_end_that_has_passed_cannot_be_taken_back(kb, clock):
-    """C9, T5: added again at the very time of the end, the object has lost its facts."""
+    """C9, T5: an object that is added again at the very time of its end has lost its facts."""
     kb.add("(open wp0)")
     kb.add(END, initial_time=START + 10)
     clock.set(START + 10)
@@ -170,8 +170,8 @@ def test_an_end_that_has_passed_cannot_be_taken_back(kb, clock):
     assert facts(kb, START + 10) == facts(kb, START + 20) == []
 
 
-def test_cancelling_a_scheduled_start_cancels_what_was_scheduled_to_speak_of_it(kb):
-    """C9: nothing speaks of an object that does not exist."""
+def test_cancelling_a_scheduled_start_cancels_what_was_scheduled_to_mention_the_object(kb):
+    """C9: no assertion mentions an object that does not exist."""
     kb.add("box - item", "(tagged box)", initial_time=START + 10)
     kb.add("(not (tagged box))", initial_time=START + 20)
     kb.remove("box - item", initial_time=START + 10)

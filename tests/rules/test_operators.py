@@ -77,7 +77,7 @@ def test_an_action_may_establish_its_own_invariant(depot):
     assert depot.applicable(*ROUTE).failing == []
 
 
-def test_each_condition_that_fails_is_named_with_since_when(depot, clock):
+def test_applicable_names_each_failing_condition_and_since_when(depot, clock):
     """O1: at-start and over-all ones."""
     clock.set(START + 10)
     depot.remove("(near kenny wp0)")
@@ -92,8 +92,8 @@ def test_each_condition_that_fails_is_named_with_since_when(depot, clock):
     assert (near, battery) == (START + 10, START + 10)
 
 
-def test_a_number_that_moves_fails_since_it_crossed(depot, clock):
-    """O1: not since it began to move; a second change for the worse does not make it later."""
+def test_a_comparison_of_a_moving_number_fails_since_the_crossing(depot, clock):
+    """O1: not since the number began to move; a later change for the worse does not make it later."""
     depot.add("(increase (battery kenny) (* #t -2))")
     clock.set(START + seconds(36))
     (failing,) = depot.applicable(*ROUTE).failing
@@ -113,7 +113,7 @@ def test_applicability_can_be_asked_at_any_time(depot, clock):
 
 
 def test_an_unknown_condition_fails(open_depot):
-    """O1, V6: what is not known to be true does not hold."""
+    """O1, V6: a condition that is unknown does not hold."""
     open_depot.remove("(ready kenny)")
     answer = open_depot.applicable(*ROUTE)
     assert [condition.truth for condition in answer.failing] == [Truth.UNKNOWN]
@@ -134,7 +134,7 @@ INVARIANTS = """
 
 
 @pytest.mark.parametrize("use_unknowns", [False, True])
-def test_an_invariant_that_the_action_itself_breaks_is_named_as_it_would_be(open_kb, clock, use_unknowns):
+def test_an_invariant_that_the_at_start_effects_break_is_named(open_kb, clock, use_unknowns):
     """O1: over-all conditions are those of the state after the at-start effects; they fail from the start on."""
     kb = open_kb(use_unknowns=use_unknowns)
     kb.load(INVARIANTS)
@@ -334,8 +334,8 @@ def test_a_running_action_cannot_be_started_again_with_the_same_arguments(depot)
     assert len(depot.state().running) == 2
 
 
-def test_an_end_cannot_be_told_twice(depot):
-    """O3: nor an abort after an end."""
+def test_a_run_ends_only_once(depot):
+    """O3: it can be neither ended again nor aborted after its end."""
     run = depot.start(*ROUTE)
     depot.end(run)
     for method in (depot.end, depot.abort):
@@ -377,8 +377,8 @@ def test_clear_aborts_what_runs(depot, clock):
 # -- O3: what is expected -----------------------------------------------------------------------------------------
 
 
-def test_a_question_about_the_future_reckons_the_expected_end(depot, clock):
-    """O3: at its expected end the effects are there; nothing of it is stored."""
+def test_a_question_about_the_future_includes_the_expected_end(depot, clock):
+    """O3: at the expected end its effects are there; none of it is stored."""
     depot.start(*ROUTE)
     clock.set(START + seconds(5))
     expected = depot.state(START + seconds(10))
@@ -391,7 +391,7 @@ def test_a_question_about_the_future_reckons_the_expected_end(depot, clock):
 
 
 def test_an_expectation_never_becomes_the_past(depot, clock):
-    """O3: an action whose expected end lies behind is late, and reckoned as running on."""
+    """O3: an action whose expected end has passed is overdue, and is computed as running on."""
     depot.start(*ROUTE)
     clock.set(START + seconds(12))
     for at in (10, 11, 12):
@@ -400,8 +400,8 @@ def test_an_expectation_never_becomes_the_past(depot, clock):
     assert level(depot, 20) == 40
 
 
-def test_a_belief_reckons_what_ran_then(depot, clock):
-    """O3, Q2: as of then the end was expected; it came to nothing."""
+def test_a_belief_includes_the_expected_ends_of_what_ran_then(depot, clock):
+    """O3, Q2: the end was expected as of then, although it never came."""
     run = depot.start(*ROUTE)
     clock.set(START + seconds(4))
     depot.abort(run)
@@ -449,7 +449,7 @@ def test_expected_effects_spell_names_as_first_written(open_kb, clock):
 
 
 def test_an_action_reads_all_that_its_effects_touch_at_once(depot, monkeypatch):
-    """O2: applying to many objects asks the store no oftener than applying to a few."""
+    """O2: applying to many objects takes as many statements as applying to a few."""
     asked = []
     live = Repository.rows_for_update
 

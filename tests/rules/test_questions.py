@@ -80,8 +80,8 @@ def test_the_narrower_questions_agree_with_the_state(kb, clock):
     ("ask", "unknown"),
     [("propositions", "battery"), ("functions", "open"), ("timed_knowledge", "flying"), ("instances", "dragon")],
 )
-def test_a_list_of_what_the_domain_does_not_know_is_refused(kb, ask, unknown):
-    """V8: whether there is anything to list or not."""
+def test_listing_an_unknown_symbol_is_refused(kb, ask, unknown):
+    """V8: whether or not there is anything to list."""
     with pytest.raises(kbstore.UnknownSymbol, match=unknown):
         getattr(kb, ask)(unknown)
 
@@ -110,7 +110,7 @@ def test_a_belief_uses_only_what_was_known_then(kb, clock):
 
 
 def test_a_belief_expected_what_stood_to_go_on(kb, clock):
-    """Q2: removals, flips, changes of numbers and objects that came later were not known."""
+    """Q2: later removals, flips, and changes of numbers and objects were not known then."""
     kb.add("(open wp0)", "(= (battery kenny) 80)", "(near kenny wp0)")
     clock.set(START + 10)
     kb.remove("(open wp0)")
@@ -131,7 +131,7 @@ def test_a_belief_expected_the_ends_that_were_scheduled(kb, clock):
     assert facts(kb, START + 200) == ["(open wp0)"]
 
 
-def test_a_belief_about_what_was_already_past_is_the_state(kb, clock):
+def test_a_belief_about_the_past_equals_the_state(kb, clock):
     """Q2: for t < T it equals state(t)."""
     kb.add("(open wp0)")
     kb.add("(raining)", initial_time=START + 30)
@@ -256,8 +256,8 @@ def test_a_history_of_objects(kb, clock):
     ]
 
 
-def test_the_end_that_lies_ahead_names_who_caused_it(kb):
-    """Q3: of what will be replaced or ended by something scheduled."""
+def test_an_end_that_lies_ahead_names_the_transaction_that_scheduled_it(kb):
+    """Q3: also where the next assertion or the end of an object causes it."""
     kb.add("(raining)", "(open wp0)")
     later = kb.add("(not (raining))", "(not (wp0 - place))", initial_time=START + 10)
     for pattern in ("(raining)", "(open wp0)"):
@@ -265,8 +265,8 @@ def test_the_end_that_lies_ahead_names_who_caused_it(kb):
         assert (first.end_time, first.ended.number, first.cancelled) == (START + 10, later.number, None)
 
 
-def test_a_history_of_what_the_domain_does_not_know(kb):
-    """Q3, V8: an unknown symbol; an unknown object has no history."""
+def test_a_history_of_an_unknown_symbol_is_refused(kb):
+    """Q3, V8: an unknown symbol is an error; an unknown object has an empty history."""
     with pytest.raises(kbstore.UnknownSymbol, match="flying"):
         kb.history("(flying ?)")
     assert kb.history("(near nobody ?)") == []

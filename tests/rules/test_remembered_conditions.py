@@ -137,8 +137,8 @@ def test_a_universal_effect_remembers_each_object(yard):
     assert facts(yard) == ["(Dirty wp1)", "(clean Home)", "(clean wp0)"]
 
 
-def test_objects_that_come_meanwhile(yard):
-    """O3, V4: effects at the end range over what exists then; a condition was asked of what existed at the start."""
+def test_objects_that_appear_during_a_run(yard):
+    """O3, V4: at-end effects range over the objects that exist at the end, start conditions over those at the start."""
     yard.add("(lit)")
     runs = [yard.start(name) for name in ("polish", "flood")]
     yard.add("wp2 - place")
@@ -150,8 +150,8 @@ def test_objects_that_come_meanwhile(yard):
     assert facts(yard) == ["(clean Home)", "(clean wp0)", "(clean wp1)", "(clean wp2)"]
 
 
-def test_a_condition_that_speaks_of_no_object_was_asked_where_there_was_none(yard):
-    """O3: an effect of no object then may be one of some object at the end."""
+def test_a_start_condition_without_objects_is_decided_even_if_no_object_exists_then(yard):
+    """O3: it applies to objects that appear before the end, since it names none of them."""
     yard.load(YARD.replace("(:constants Home - place)", ""))
     yard.remove("wp0 - place", "wp1 - place")
     yard.add("(lit)")
@@ -162,8 +162,8 @@ def test_a_condition_that_speaks_of_no_object_was_asked_where_there_was_none(yar
     assert facts(yard) == ["(clean wp2)"]
 
 
-def test_objects_that_go_meanwhile(yard):
-    """O3, C9: nothing is said of an object that is no more; the others have their effects."""
+def test_objects_that_end_during_a_run(yard):
+    """O3, C9: effects do not apply to an object that no longer exists; they do to the others."""
     yard.add("(dirty wp0)", "(dirty wp1)")
     run = yard.start("sweep")
     yard.remove("wp0 - place")
@@ -229,7 +229,7 @@ def test_a_continuous_effect_may_depend_on_the_start(yard, clock):
     assert yard.value("(level)") == 12
 
 
-def test_a_number_is_needed_where_the_condition_held_at_the_start(yard):
+def test_an_undefined_number_makes_an_action_inapplicable_only_if_its_effect_would_happen(yard):
     """O1: a continuous effect on an undefined function keeps the action from being applied, if it would happen."""
     yard.remove("(level)")
     assert yard.applicable("fill")
@@ -242,8 +242,8 @@ def test_a_number_is_needed_where_the_condition_held_at_the_start(yard):
 # -- what is expected ---------------------------------------------------------------------------------------------
 
 
-def test_the_future_reckons_with_what_was_true_at_the_start(yard, clock):
-    """O3: and with what is expected at the end; that the condition is scheduled to become false changes nothing."""
+def test_a_forecast_uses_what_was_true_at_the_start(yard, clock):
+    """O3: a condition that is scheduled to become false changes nothing."""
     yard.add("(lit)")
     yard.add("(not (lit))", initial_time=START + seconds(5))
     yard.add("(open)", initial_time=START + seconds(8))
@@ -256,8 +256,8 @@ def test_the_future_reckons_with_what_was_true_at_the_start(yard, clock):
     assert yard.explain("(noted)", at=START + seconds(10)).truth is kbstore.Truth.TRUE
 
 
-def test_the_future_does_not_reckon_with_what_becomes_true(yard, clock):
-    """O3: scheduled or told after the start."""
+def test_a_forecast_ignores_start_conditions_that_become_true_later(yard, clock):
+    """O3: whether by the schedule or by a later transaction."""
     yard.start("watch")
     yard.add("(lit)", initial_time=START + seconds(5))
     assert facts(yard, START + seconds(10)) == ["(Lit)"]
@@ -266,7 +266,7 @@ def test_the_future_does_not_reckon_with_what_becomes_true(yard, clock):
     assert facts(yard, START + seconds(10)) == ["(Lit)"]
 
 
-def test_a_belief_reckons_with_the_start_of_what_ran_then(yard, clock):
+def test_a_belief_uses_the_start_of_the_run_of_then(yard, clock):
     """O3, Q2: as of the first run, as of the second one, and now that both are over."""
     yard.add("(lit)")
     first = yard.start("watch")
@@ -332,7 +332,7 @@ def test_a_start_that_is_taken_back_is_forgotten(yard):
     assert facts(yard) == []
 
 
-def test_it_is_stored_with_the_run(store_url, clock, tmp_path):
+def test_start_conditions_survive_a_restart(store_url, clock, tmp_path):
     """O3: the store is opened again between the start and the end."""
     if store_url == "sqlite://":
         store_url = f"sqlite:///{tmp_path / 'runs.db'}"
@@ -357,8 +357,8 @@ def test_it_is_stored_with_the_run(store_url, clock, tmp_path):
         assert facts(kb) == ["(Lit)", "(clean Home)", "(clean wp0)"]
 
 
-def test_another_domain_meanwhile(yard):
-    """D3, D4: what only the new version asks at the start nobody has seen to be true; case does not matter."""
+def test_a_domain_loaded_during_a_run(yard):
+    """D3, D4: a start condition that only the new version has was not true at the start; case does not matter."""
     yard.add("(lit)", "(open)")
     run = yard.start("watch")
     before = ":effect (when (at start (lit)) (at end (noted))))"

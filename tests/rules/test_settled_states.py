@@ -60,8 +60,8 @@ def test_a_settled_state_stays_as_it_was(tmp_path):
                     assert first.setdefault(t, found) == found
 
 
-def test_what_a_caller_does_to_a_list_does_not_change_the_state(kb, clock):
-    """The lists of a state are the caller's: the next one to ask has lists of its own."""
+def test_changing_a_returned_list_does_not_change_the_state(kb, clock):
+    """Each caller gets lists of its own."""
     kb.add("(open wp0)")
     kb.add_goal("(open wp1)")
     then = clock.now()
@@ -83,7 +83,7 @@ def test_the_latest_moment_is_not_settled(kb, clock):
     assert kb.state(at=now).holds("(open wp1)")
 
 
-def test_a_state_that_is_kept_is_not_read_again(tmp_path):
+def test_a_cached_state_is_not_read_again(tmp_path):
     """Asking for the same moment of the past again reads no assertions."""
     clock = kbstore.ManualClock(START)
     with kbstore.open(tmp_path / "store.db", clock=clock) as kb:

@@ -265,7 +265,7 @@ def test_another_knowledge_base_has_a_time_of_its_own(open_kb):
 
 @pytest.mark.parametrize("behind", [0, 1, seconds(500)])
 def test_an_initial_time_that_is_not_after_now_is_now(kb, clock, behind):
-    """T4: the past cannot be told of; the item gets now."""
+    """T4: an initial time in the past means now."""
     clock.set(START + seconds(10))
     kb.add("(raining)", initial_time=clock.now() - behind)
     kb.add(kbstore.Fact(attribute_name="open", values=["wp0"], initial_time=clock.now() - behind))

@@ -39,7 +39,7 @@ def test_of_equal_times_the_later_recorded_stands(kb):
     assert kb.value("(cost)", at=START) == 2
 
 
-def test_what_was_scheduled_for_now_is_earlier_than_what_is_told_now(kb, clock):
+def test_what_is_added_now_replaces_what_was_scheduled_for_now(kb, clock):
     """V1: of equal times, the later recorded stands, also where the earlier one was scheduled."""
     kb.add("(raining)", initial_time=START + 10)
     clock.set(START + 10)
@@ -154,8 +154,8 @@ def test_explain_gives_the_reason_and_its_transaction(kb, clock):
         assert (explanation.transaction.number if explanation.transaction else None) == number, text
 
 
-def test_explain_speaks_of_its_time(kb, clock):
-    """V6: the reason is that of the time asked for."""
+def test_explain_is_about_the_time_asked_for(kb, clock):
+    """V6: the reason is the one at that time."""
     told = kb.add("(raining)")
     clock.set(START + 10)
     kb.remove("(raining)")
@@ -220,8 +220,8 @@ def test_explain_says_since_when(tank, condition, since, client):
     assert (explanation.transaction.client if explanation.transaction else None) == client
 
 
-def test_explain_looks_behind_the_last_change_of_what_decides(tank, clock):
-    """V6: what was false before a number changed is false since then; that the change is of now does not matter."""
+def test_explain_says_since_when_the_condition_has_failed(tank, clock):
+    """V6: not since the last change of a part that decides it: false before and after that change is one span."""
     with tank.transaction(client="pump") as tx:
         tx.add("(= (level) 2)")
         assert tx.state().explain("(> (level) 5)").since == START + seconds(15)
@@ -251,7 +251,7 @@ DRYING = """
 
 
 def test_explain_names_the_action_that_is_expected_to_make_it_so(open_kb, clock):
-    """V6, O3: of what was told before the action ends nothing is the reason any more; what comes later is."""
+    """V6, O3: an expected effect is the reason, not what was recorded before it."""
     kb = open_kb()
     kb.load(DRYING)
     told = kb.add("(wet linen)", "(= (water linen) 5)", client="laundry")
@@ -424,8 +424,8 @@ def test_an_unknown_function_or_operator_is_an_unknown_symbol(kb):
         kb.domain.function("speed")
 
 
-def test_a_name_with_a_space_is_not_the_names_on_both_sides_of_it(bare):
-    """V8, D3: no such name is stored, so that what a question, a removal or a pattern says of it is absent."""
+def test_a_name_with_a_space_matches_no_two_names(bare):
+    """V8, D3: no such name is stored, so it is absent in questions, removals and patterns."""
     bare.add("(near kenny wp0)", "(= (distance wp0 wp1) 3)", "(p)")
     facts = [
         Fact(attribute_name="near kenny", values=["wp0"]),

@@ -435,15 +435,15 @@ def test_long_formulas_are_stored(bare, kind):
     "text",
     ["", "   ", "(", ")", "()", "(open wp0", "(open wp0))", "(open wp0) (open wp1)", "open wp0", "(= 3)", "- place"],
 )
-def test_text_that_is_no_item_is_refused(kb, text):
+def test_text_that_is_not_an_item_is_refused(kb, text):
     """D1: with a typed error."""
     with pytest.raises(kbstore.KbStoreError):
         kb.add(text)
 
 
 @pytest.mark.parametrize("kind", [6, -1, "add", None])
-def test_a_kind_of_update_that_there_is_not_is_refused(kb, kind):
-    """D1, C1: as a violation beside the others, with the kinds that there are; nothing is stored."""
+def test_an_unknown_kind_of_update_is_refused(kb, kind):
+    """D1, C1: as a violation beside the others; the message lists the kinds, and nothing is stored."""
     before = picture(kb)
     with pytest.raises(kbstore.InvalidKnowledge, match="REMOVE_METRIC 5") as refusal:
         kb.update([(UpdateType.ADD_KNOWLEDGE, "(raining)"), (kind, "(raining)"), (0, "(no_such_thing)")])
@@ -452,15 +452,15 @@ def test_a_kind_of_update_that_there_is_not_is_refused(kb, kind):
 
 
 @pytest.mark.parametrize("update", [(9, "(raining)"), ("(raining)", 0), "(raining)", (0,), (0, "(raining)", 1), None])
-def test_what_is_no_update_is_refused(kb, update):
-    """D1, C1: with a typed error that names the kinds, and nothing of the others is done."""
+def test_anything_but_an_update_is_refused(kb, update):
+    """D1, C1: with a typed error that names the kinds; the other updates are not done."""
     with pytest.raises(kbstore.InvalidKnowledge, match="ADD_KNOWLEDGE 0"):
         kb.update([(kbstore.UpdateType.ADD_KNOWLEDGE, "(open wp0)"), update])
     assert facts(kb) == []
 
 
 @pytest.mark.parametrize("thing", [None, 3, 2.5, b"(raining)", object(), {}, {"knowledge_type": 9}, ["(raining)"]])
-def test_what_is_no_knowledge_at_all_is_refused(kb, thing):
+def test_anything_but_knowledge_is_refused(kb, thing):
     """D1: with a typed error, everywhere."""
     for method in ("add", "remove", "add_goal", "holds"):
         with pytest.raises(kbstore.KbStoreError):
@@ -469,7 +469,7 @@ def test_what_is_no_knowledge_at_all_is_refused(kb, thing):
 
 
 @pytest.mark.parametrize("text", ["(= (cost) nan)", "(= (cost) inf)", "(= (cost) 1e999)", "(= (cost) ten)"])
-def test_text_values_that_are_no_finite_number_are_refused(kb, text):
+def test_values_in_text_have_to_be_finite(kb, text):
     """C7, D1: in text, too."""
     with pytest.raises(kbstore.KbStoreError):
         kb.add(text)
@@ -533,7 +533,7 @@ def test_without_a_domain_a_formula_may_be_a_symbols_first_use(bare, first):
     assert bare.value("(f b)") == 4
 
 
-def test_without_a_domain_labels_are_heeded_in_questions_about_numbers(bare):
+def test_without_a_domain_questions_about_numbers_use_labels(bare):
     """D2: those of the first use, in any order."""
     bare.add(Function(attribute_name="f", values={"x": "a", "y": "b"}, function_value=1))
     bare.add(Function(attribute_name="f", values={"x": "b", "y": "a"}, function_value=2))
@@ -553,7 +553,7 @@ def test_without_a_domain_a_symbol_keeps_the_labels_of_its_first_use(bare):
         bare.add(near(robot="kenny", place="wp0"))
 
 
-def test_without_a_domain_labels_that_are_first_given_later_count_in_questions_asked_before(bare):
+def test_without_a_domain_a_question_asked_again_uses_labels_learned_since(bare):
     """D2: the same item asks about other arguments once labels, and with them their order, are known."""
     bare.add("(near wp0 kenny)", "(= (distance wp0 wp1) 1)", "(= (distance wp1 wp0) 2)")
     fact = near(who="wp0", p="kenny")
@@ -567,7 +567,7 @@ def test_without_a_domain_labels_that_are_first_given_later_count_in_questions_a
     assert [bare.holds(near(who="kenny", p="wp0")), bare.holds(near(p="wp0", who="kenny"))] == [True, True]
 
 
-def test_without_a_domain_an_atom_asks_about_the_predicate_as_soon_as_there_is_one(bare):
+def test_without_a_domain_a_name_means_the_predicate_once_there_is_one(bare):
     """D2: while only a function has the name, its text asks whether that is defined, also where it was asked before."""
     bare.add("(= (level tank) 1)")
     assert [bare.holds("(level tank)"), bare.holds("(level pool)")] == [True, False]
@@ -728,8 +728,8 @@ def test_a_constant_with_the_name_of_an_object_is_refused(kb):
     kb.add("(open wp0)")
 
 
-def test_a_constant_of_which_something_is_said_stays(kb):
-    """D4, C9: nothing speaks of an object that does not exist."""
+def test_a_constant_that_is_mentioned_cannot_be_dropped(kb):
+    """D4, C9: no assertion mentions an object that does not exist."""
     kb.add("(open home)")
     with pytest.raises(kbstore.InvalidKnowledge, match="home"):
         kb.load(DOMAIN.replace("(:constants home - place)", ""))
@@ -737,7 +737,7 @@ def test_a_constant_of_which_something_is_said_stays(kb):
     kb.load(DOMAIN.replace("(:constants home - place)", ""))
 
 
-def test_knowledge_told_without_a_domain_must_fit_the_first_one(bare):
+def test_knowledge_recorded_without_a_domain_must_fit_the_first_domain(bare):
     """D4, D2: objects that never existed do not fit."""
     bare.add("kenny - robot", "wp0 - place", "(near kenny wp0)", "(near kenny wp9)", "(= (battery kenny) 3)")
     with pytest.raises(kbstore.InvalidKnowledge, match="wp9"):

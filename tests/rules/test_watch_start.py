@@ -11,8 +11,8 @@ def test_a_watch_begins_when_it_is_called(kb):
     assert isinstance(told, kbstore.Transaction)
 
 
-def test_a_watched_pattern_is_about_the_state(kb):
-    """Q6: a goal of the same shape is no change of what stands."""
+def test_a_watched_pattern_does_not_match_goals(kb):
+    """Q6: a goal of the same shape is not a change of the state."""
     watch = kb.watch("(open ?)", timeout=0.0)
     kb.add_goal("(open wp0)")
     told = kb.add("(open wp1)")

@@ -60,7 +60,7 @@ def test_a_problem_alone_uses_the_domain_that_is_there(trolleys, files):
     assert trolleys("holds", "(parked t1 yard)").code == 0
 
 
-def test_what_load_is_given_wrongly(trolleys, files):
+def test_load_refuses_two_domains_and_three_files(trolleys, files):
     """Two domains are refused; so is a third file."""
     domain, problem = files
     assert "are domains; load one" in trolleys("load", domain, domain).err
@@ -78,7 +78,7 @@ def test_add_and_remove(trolleys):
     assert "#3 at 2026-05-04T12:00:01Z swept" in trolleys("changes", "--after", 2).words
 
 
-def test_what_is_added_for_later_is_scheduled_and_cancelled(trolleys):
+def test_at_schedules_and_cancels(trolleys):
     """--at schedules, and removing with exactly that time cancels (T4, C5)."""
     trolleys("add", "(parked t1 shed)", "--at", "+30s")
     at = "2026-05-04T12:00:31Z"

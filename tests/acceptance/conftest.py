@@ -10,7 +10,7 @@ import pytest
 
 import kbstore
 from kbstore import KnowledgeBase, ManualClock, seconds
-from tests.loop.worlds import WORLDS
+from tests.acceptance.random_problems import WORLDS
 
 pytest.importorskip("unified_planning", reason="unified_planning is not installed: pip install 'kbstore[planning]'")
 pytest.importorskip("kairos", reason="the planner kairos is not installed: pip install up-kairos")

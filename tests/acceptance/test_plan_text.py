@@ -11,7 +11,7 @@ from unified_planning.plans import SequentialPlan, TimeTriggeredPlan
 from kbstore import KnowledgeBase, ManualClock, NotApplicable, PddlSyntaxError, UnknownSymbol, seconds
 from kbstore.interop.plan_text import read_plan
 from kbstore.interop.plans import Happening, Step, execute, steps
-from tests.loop.conftest import BEGIN
+from tests.acceptance.conftest import BEGIN
 
 APPLY, START, END = Happening.APPLY, Happening.START, Happening.END
 
@@ -72,7 +72,7 @@ def test_times_are_rounded_to_the_nanosecond(garden: KnowledgeBase):
     assert [step.at for step in found] == [1, 2, 2]
 
 
-def test_an_end_and_what_needs_it_are_not_parted_by_rounding(garden: KnowledgeBase):
+def test_rounding_does_not_put_an_end_after_the_start_that_needs_it(garden: KnowledgeBase):
     """A start and a duration in decimals may add up to more than what waits for the end was given as its time.
 
     An end is moved back by two nanoseconds at most, and never to its own start.
@@ -121,7 +121,7 @@ def test_an_end_and_what_needs_it_are_not_parted_by_rounding(garden: KnowledgeBa
         ("0: (water beans) [99999999999]", 1, "below"),
     ],
 )
-def test_what_is_no_plan_is_refused(garden: KnowledgeBase, text: str, line: int, message: str):
+def test_text_that_is_not_a_plan_is_refused(garden: KnowledgeBase, text: str, line: int, message: str):
     """The error says which line, and what is expected."""
     with pytest.raises(PddlSyntaxError, match=message) as refused:
         read(garden, text)
@@ -341,7 +341,7 @@ def test_steps_are_executed(garden: KnowledgeBase, clock: ManualClock):
 
 
 @pytest.mark.parametrize("empty", [[], TimeTriggeredPlan([])])
-def test_what_runs_is_ended_when_it_is_expected_to(garden: KnowledgeBase, clock: ManualClock, empty: Any):
+def test_earlier_runs_are_ended_at_their_expected_ends(garden: KnowledgeBase, clock: ManualClock, empty: Any):
     """O4: the problem that a plan solves has the end effects of what runs; so has its execution."""
     garden.start("water", "roses", duration=seconds(10))
     clock.advance(seconds(4))
@@ -350,8 +350,8 @@ def test_what_runs_is_ended_when_it_is_expected_to(garden: KnowledgeBase, clock:
     assert garden.when("(wet roses)", BEGIN, BEGIN + seconds(20))[0][0] == BEGIN + seconds(10)
 
 
-def test_ends_come_in_their_place(garden: KnowledgeBase, clock: ManualClock):
-    """O4: of one time, before what begins; so that what has ended by then can be started again."""
+def test_ends_come_before_starts_of_the_same_time(garden: KnowledgeBase, clock: ManualClock):
+    """O4: so that what has ended by then can be started again."""
     garden.start("water", "roses", duration=seconds(10))
     plan = read(garden, "9: (dig beans)\n10: (WATER ROSES) [5]")
     assert [str(step) for step, _ in execute(garden, plan, clock.set)] == [
@@ -362,7 +362,7 @@ def test_ends_come_in_their_place(garden: KnowledgeBase, clock: ManualClock):
     ]
 
 
-def test_what_others_have_ended_is_left_alone(garden: KnowledgeBase, clock: ManualClock):
+def test_runs_that_others_have_ended_are_left_alone(garden: KnowledgeBase, clock: ManualClock):
     """O3: somebody else may end or abort what ran before the plan."""
     run = garden.start("water", "roses", duration=seconds(10))
     executed = execute(garden, read(garden, "2: (dig beans)"), clock.set)
@@ -372,8 +372,8 @@ def test_what_others_have_ended_is_left_alone(garden: KnowledgeBase, clock: Manu
     assert not garden.holds("(wet roses)")
 
 
-def test_what_is_late_is_left_alone(garden: KnowledgeBase, clock: ManualClock):
-    """O3: nobody knows when it ends; it is no part of the problem either."""
+def test_overdue_runs_are_left_alone(garden: KnowledgeBase, clock: ManualClock):
+    """O3: nobody knows when they will end; they are not part of the problem either."""
     garden.start("water", "roses", duration=seconds(10))
     clock.advance(seconds(11))
     assert "late by 1 s" in garden.to_pddl()
@@ -383,7 +383,7 @@ def test_what_is_late_is_left_alone(garden: KnowledgeBase, clock: ManualClock):
     assert len(garden.state().running) == 1
 
 
-def test_a_sequence_leaves_alone_what_runs(garden: KnowledgeBase, clock: ManualClock):
+def test_a_plan_without_times_leaves_runs_alone(garden: KnowledgeBase, clock: ManualClock):
     """A plan without times says nothing about when; the caller ends what runs."""
     garden.start("water", "roses", duration=seconds(10))
     dig = garden.to_problem().action("Dig")
@@ -392,8 +392,8 @@ def test_a_sequence_leaves_alone_what_runs(garden: KnowledgeBase, clock: ManualC
     assert len(garden.state().running) == 1
 
 
-def test_what_a_plan_started_is_ended_by_it_alone(garden: KnowledgeBase, clock: ManualClock):
-    """O3: if somebody else ended what a plan started, its own end is refused, and the execution stops."""
+def test_execution_stops_if_somebody_else_ends_its_run(garden: KnowledgeBase, clock: ManualClock):
+    """O3: the plan's own end is refused then."""
     executed = execute(garden, read(garden, "0: (water roses) [5]\n9: (dig beans)"), clock.set)
     _, run = next(executed)
     garden.abort(run)

@@ -7,7 +7,7 @@ second, and its panel gives 1.5 a second as long as it is day, which it is from 
 import pytest
 
 from kbstore import NotApplicable, seconds
-from tests.loop.conftest import BEGIN
+from tests.acceptance.conftest import BEGIN
 
 ROVER = """
 (define (domain rover)
@@ -181,7 +181,7 @@ def test_each_state_is_that_of_the_table(replay):
         assert {"t": row["t"], **seen(replay.kb.state())} == row
 
 
-def test_the_table_does_not_change(replay):
+def test_past_states_do_not_change(replay):
     """T5: at the end of the mission each past state is still that of the table, to the last nanosecond of its row."""
     replay.until(90)
     table = rows(TABLE)

@@ -11,10 +11,10 @@ from unified_planning.io import PDDLReader
 from kbstore import KnowledgeBase, ManualClock, seconds
 from kbstore.interop.plan_text import read_plan
 from kbstore.interop.plans import Happening, execute
-from tests.loop import judge
-from tests.loop.conftest import BEGIN, load
-from tests.loop.walks import walk
-from tests.loop.worlds import WORLDS
+from tests.acceptance import validator
+from tests.acceptance.conftest import BEGIN, load
+from tests.acceptance.random_plans import walk
+from tests.acceptance.random_problems import WORLDS
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -24,24 +24,24 @@ def test_any_moment_is_read_by_the_planner(kb: KnowledgeBase, clock: ManualClock
     load(kb, world, seed)
     steps = walk(kb, clock, random.Random(seed), 12)
     domain = kairos.parse_domain(kb.domain_to_pddl())
-    for at in judge.between(steps):
+    for at in validator.between(steps):
         report = kairos.check_problem(kb.to_pddl(at=BEGIN + at), kb.domain_to_pddl())
         assert [str(d) for d in report.diagnostics if d.severity is kairos.Severity.ERROR] == []
         assert kairos.parse_problem(kb.to_pddl(at=BEGIN + at), domain).name == kb.name
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_waiting_is_what_the_store_expects(kb: KnowledgeBase, clock: ManualClock, seed: int):
+def test_waiting_leads_to_the_state_that_the_store_expects(kb: KnowledgeBase, clock: ManualClock, seed: int):
     """O4: from the problem at t, by doing nothing, the validator comes to the state that was expected at t."""
     domain, _ = load(kb, "cranes", seed)
     steps = walk(kb, clock, random.Random(seed), 16)
     lasting = 0
-    for at in judge.between(steps):
+    for at in validator.between(steps):
         state = kb.state(at=BEGIN + at)
         ends = [run.expected_end for run in state.running] + [item.initial_time for item in state.timed_knowledge]
         expected = kb.state(at=max([state.at, *ends]), as_of=state.at)
-        problem = judge.with_goal(state.to_pddl(), judge.everything(expected))
-        assert judge.complaints(domain, problem, "") == []
+        problem = validator.with_goal(state.to_pddl(), validator.everything(expected))
+        assert validator.complaints(domain, problem, "") == []
         lasting += len(state.running)
     assert lasting > 10
 
@@ -70,8 +70,8 @@ def test_a_plan_from_the_middle_is_carried_out(kb: KnowledgeBase, clock: ManualC
     assert {(run.operator, run.arguments) for run in runs} <= ended
     assert kb.query(*kb.goals())
     scheduled = [item.initial_time - begin for item in kb.state(at=begin - 1).timed_knowledge]
-    seen = {at: kb.state(at=begin + at) for at in judge.between(done, [t for t in scheduled if t > 0])}
-    assert judge.disagreements(domain, problem, judge.plan_text(steps), seen, numbers=False) == []
+    seen = {at: kb.state(at=begin + at) for at in validator.between(done, [t for t in scheduled if t > 0])}
+    assert validator.disagreements(domain, problem, validator.plan_text(steps), seen, numbers=False) == []
 
 
 @pytest.mark.filterwarnings("ignore:.*deprecated - use:DeprecationWarning")

@@ -17,7 +17,7 @@ BEFORE = "2026-05-04T09:00:45Z"
         ("(> (battery linen_cart) 5)", ALARM, 3, "unknown"),
     ],
 )
-def test_holds_says_it_by_its_exit_code(run, condition, at, code, said):
+def test_holds_answers_by_its_exit_code(run, condition, at, code, said):
     """Exit 0 is true, 1 false, 3 unknown (V6)."""
     done = run("holds", condition, "--at", at)
     assert (done.code, done.out, done.err) == (code, f"{said}\n", "")
@@ -99,7 +99,7 @@ def test_explain_shows_the_parts_that_decide(run):
     assert len(done.words) == 2
 
 
-def test_applicable_exits_1_with_what_stands_against_it(run):
+def test_applicable_exits_1_and_names_the_failing_condition(run):
     """The failing condition and since when (O1)."""
     action = ("applicable", "pass_door", "kenny", "lab_door", "corridor", "lab")
     done = run(*action, "--at", ALARM)

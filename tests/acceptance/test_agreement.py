@@ -11,25 +11,25 @@ from kbstore import KnowledgeBase, ManualClock
 from kbstore.clock import SECOND
 from kbstore.interop.plan_text import read_plan
 from kbstore.interop.plans import Happening, Step, execute
-from tests.loop import judge
-from tests.loop.conftest import BEGIN, load
-from tests.loop.walks import walk
+from tests.acceptance import validator
+from tests.acceptance.conftest import BEGIN, load
+from tests.acceptance.random_plans import walk
 
 
 def assert_agreement(kb: KnowledgeBase, texts: tuple[str, str], steps: list[Step]) -> None:
     """Every state between two steps, and the state expected at each step of when all that had begun has ended."""
     domain, problem = texts
     scheduled = [item.initial_time - BEGIN for item in kb.state(at=BEGIN, as_of=BEGIN).timed_knowledge]
-    plan = judge.plan_text(steps)
-    seen = {at: kb.state(at=BEGIN + at) for at in judge.between(steps, scheduled)}
-    assert judge.disagreements(domain, problem, plan, seen) == []
+    plan = validator.plan_text(steps)
+    seen = {at: kb.state(at=BEGIN + at) for at in validator.between(steps, scheduled)}
+    assert validator.disagreements(domain, problem, plan, seen) == []
     for t in sorted({step.at for step in steps if step.at is not None}):
         begun = [step for step in steps if step.happening is not Happening.END and step.at <= t]
         last = max([t, *scheduled, *(step.at + (step.duration or 0) for step in begun)])
         expected = kb.state(at=BEGIN + last, as_of=BEGIN + t)
         assert expected.running == []
-        goal = judge.with_goal(problem, judge.everything(expected))
-        assert judge.complaints(domain, goal, judge.plan_text(begun)) == []
+        goal = validator.with_goal(problem, validator.everything(expected))
+        assert validator.complaints(domain, goal, validator.plan_text(begun)) == []
 
 
 @pytest.mark.parametrize("seed", range(5))

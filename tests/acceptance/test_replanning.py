@@ -10,8 +10,8 @@ from unified_planning.model import Problem
 from kbstore import KnowledgeBase, ManualClock, NotApplicable, Truth, seconds
 from kbstore.clock import SECOND
 from kbstore.interop.plans import execute, steps
-from tests.loop import judge
-from tests.loop.conftest import BEGIN
+from tests.acceptance import validator
+from tests.acceptance.conftest import BEGIN
 
 OPEN = "(open glass_door)"
 
@@ -109,7 +109,7 @@ def test_what_runs_is_part_of_the_problem_after_the_failure(kb: KnowledgeBase, w
 
 
 @pytest.mark.usefixtures("failed")
-def test_back_to_before_the_failure(kb: KnowledgeBase, wait: Callable[[int], None]):
+def test_planning_from_a_moment_before_the_failure(kb: KnowledgeBase, wait: Callable[[int], None]):
     """Q1, Q2, T5: after the end of the mission, one can still plan from any moment of it, as it stood or was expected.
 
     A second before it was due to open, the door was shut and expected to open. As of then it was expected to be open a
@@ -190,7 +190,7 @@ def test_the_validator_agrees_after_a_failure(
     begin, problem = kb.now(), kb.to_pddl()
     done = [step for step, _ in execute(kb, plan_for(kb.to_problem()), wait)]
     own = [step for step in done if step.operator != "rinse"]
-    seen = {at: kb.state(at=begin + at) for at in judge.between(done, [seconds(360)])}
-    assert judge.disagreements(courier.DOMAIN, problem, judge.plan_text(own), seen) == []
+    seen = {at: kb.state(at=begin + at) for at in validator.between(done, [seconds(360)])}
+    assert validator.disagreements(courier.DOMAIN, problem, validator.plan_text(own), seen) == []
     wrong = {at + 10 * SECOND: state for at, state in list(seen.items())[:1]}
-    assert judge.disagreements(courier.DOMAIN, problem, judge.plan_text(own), wrong) != []
+    assert validator.disagreements(courier.DOMAIN, problem, validator.plan_text(own), wrong) != []
