@@ -1,7 +1,7 @@
 """Names of objects, types, predicates and functions (rule D3): how they are compared, and which are accepted."""
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TypeVar
 
 from kbstore.errors import InvalidKnowledge
@@ -57,6 +57,13 @@ class NameMapping(Mapping[str, _Value]):
 def is_wildcard(name: str) -> bool:
     """Whether an argument of a question or a removal matches any object: ``?``, ``?name`` or empty (rule V7)."""
     return not name or name[0] == "?"
+
+
+def matches(pattern: Sequence[str], names: Sequence[str]) -> bool:
+    """Whether a pattern matches names, both as keys: they are as many, and each is the same or has a wildcard."""
+    return len(pattern) == len(names) and all(
+        is_wildcard(wanted) or wanted == name for wanted, name in zip(pattern, names, strict=True)
+    )
 
 
 def problem(name: str) -> str | None:

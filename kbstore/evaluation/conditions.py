@@ -8,12 +8,9 @@ from collections.abc import Iterator, Mapping
 from kbstore.evaluation.evaluator import Evaluation
 from kbstore.evaluation.interpretation import Interpretation
 from kbstore.evaluation.substitution import Bindings, instantiated, instantiated_atom, keyed
-from kbstore.evaluation.wellformed import check
 from kbstore.messages.enums import Truth
 from kbstore.model.formulas import And, Atom, Defined, Exists, Forall, Formula, Imply, Not, Or, Preference, Truism
 from kbstore.names import is_wildcard
-
-__all__ = ["Evaluation", "check", "deciding", "truth"]
 
 
 def truth(

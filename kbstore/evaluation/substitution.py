@@ -3,22 +3,7 @@
 from collections.abc import Mapping
 
 from kbstore.model.expressions import NumericExpression
-from kbstore.model.formulas import (
-    And,
-    Atom,
-    Comparison,
-    Defined,
-    Exists,
-    Forall,
-    Formula,
-    Imply,
-    IsA,
-    Not,
-    Or,
-    Preference,
-    Same,
-    Truism,
-)
+from kbstore.model.formulas import Atom, Comparison, Defined, Exists, Forall, Formula, IsA, Same, map_children
 from kbstore.names import is_wildcard, key
 
 Bindings = Mapping[str, str]
@@ -44,22 +29,12 @@ def pattern(atom: Atom, bindings: Bindings) -> Pattern:
 
 
 def instantiated(condition: Formula, bindings: Bindings) -> Formula:
-    """The condition with objects for its free variables; what a quantifier binds itself is left alone."""
+    """Return the condition with objects for its free variables; what a quantifier binds itself is left alone."""
     if not bindings:
         return condition
     match condition:
         case Atom():
             return instantiated_atom(condition, bindings)
-        case Not(part):
-            return Not(instantiated(part, bindings))
-        case And(parts) | Or(parts):
-            return type(condition)(tuple([instantiated(part, bindings) for part in parts]))
-        case Imply(premise, conclusion):
-            return Imply(instantiated(premise, bindings), instantiated(conclusion, bindings))
-        case Exists(parameters, part) | Forall(parameters, part):
-            own = {key(p.name) for p in parameters}
-            free = {variable: name for variable, name in bindings.items() if variable not in own}
-            return type(condition)(parameters, instantiated(part, free))
         case Same(left, right):
             return Same(_argument(left, bindings), _argument(right, bindings))
         case Comparison(comparison, left_side, right_side):
@@ -68,10 +43,10 @@ def instantiated(condition: Formula, bindings: Bindings) -> Formula:
             return Defined(instantiated_atom(function, bindings))
         case IsA(name, type_name):
             return IsA(_argument(name, bindings), type_name)
-        case Preference(name, part):
-            return Preference(name, instantiated(part, bindings))
-        case Truism():
-            return condition
+        case Exists(parameters) | Forall(parameters):
+            own = {key(p.name) for p in parameters}
+            bindings = {variable: name for variable, name in bindings.items() if variable not in own}
+    return map_children(condition, lambda part: instantiated(part, bindings))
 
 
 def _argument(argument: str, bindings: Bindings) -> str:

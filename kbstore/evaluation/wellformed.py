@@ -24,6 +24,7 @@ from kbstore.model.formulas import (
     Preference,
     Same,
     Truism,
+    children,
 )
 from kbstore.model.symbols import arity_problem
 from kbstore.names import key
@@ -53,19 +54,11 @@ def check(
         node, known, depth = todo.pop()
         if depth > MAX_DEPTH:
             raise InvalidKnowledge(f"the condition is nested deeper than {MAX_DEPTH} levels; split it")
-        parts: tuple[Formula, ...] = ()
         match node:
             case Atom():
                 _check_arity(node, domain.predicate_signature(node.name) if domain else None)
-            case Not(part) | Preference(_, part):
-                parts = (part,)
-            case And(parts) | Or(parts):
-                pass
-            case Imply(premise, conclusion):
-                parts = (premise, conclusion)
-            case Exists(parameters, part) | Forall(parameters, part):
+            case Exists(parameters) | Forall(parameters):
                 known = {**known, **_declared(parameters, domain)}
-                parts = (part,)
             case Same(left, right):
                 _check_object(left, known)
                 _check_object(right, known)
@@ -76,11 +69,11 @@ def check(
                 _check_arity(function, domain.function_signature(function.name) if domain else None)
             case IsA(_, type_name):
                 _check_types((type_name,) if type_name else (), domain)
-            case Truism():
+            case Not() | And() | Or() | Imply() | Preference() | Truism():
                 pass
             case _:
                 raise InvalidKnowledge(f"{node!r:.80} is not a condition")
-        todo.extend((part, known, depth + 1) for part in reversed(parts))
+        todo.extend((part, known, depth + 1) for part in reversed(children(node)))
 
 
 def _check_arity(atom: Atom, signature: Signature | None) -> None:

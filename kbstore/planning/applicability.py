@@ -6,7 +6,7 @@ from fractions import Fraction
 from kbstore.clock import SECOND, TIME_LIMIT
 from kbstore.errors import InvalidKnowledge
 from kbstore.evaluation import expressions
-from kbstore.evaluation.conditions import Evaluation
+from kbstore.evaluation.evaluator import Evaluation
 from kbstore.evaluation.interpretation import Interpretation
 from kbstore.messages import ComparisonType, SpecialType, Truth
 from kbstore.model.expressions import NumericExpression

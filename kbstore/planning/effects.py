@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from kbstore.errors import DivisionByZero, InvalidKnowledge, UndefinedFunction
 from kbstore.evaluation import expressions
-from kbstore.evaluation.conditions import Evaluation
+from kbstore.evaluation.evaluator import Evaluation
 from kbstore.evaluation.interpretation import Arguments, Interpretation, Number
 from kbstore.messages import AssignOp, ComparisonType, KnowledgeType, Operator, Truth
 from kbstore.messages.base import format_number

@@ -7,7 +7,7 @@ stored with what runs: each says by itself what was true, whatever becomes of th
 from collections.abc import Iterator
 from itertools import product
 
-from kbstore.evaluation.conditions import Evaluation
+from kbstore.evaluation.evaluator import Evaluation
 from kbstore.evaluation.interpretation import Interpretation
 from kbstore.evaluation.substitution import Bindings, instantiated
 from kbstore.messages import Truth

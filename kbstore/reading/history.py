@@ -2,21 +2,17 @@
 
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Sequence
-from typing import NamedTuple
 
 from kbstore.clock import OPEN, TimeLike
-from kbstore.errors import InvalidKnowledge, UnknownSymbol
-from kbstore.evaluation.snapshot import is_of
-from kbstore.messages import Condition, Expression, Fact, Function, Inequality, Instance, KnowledgeItem, KnowledgeType
+from kbstore.errors import UnknownSymbol
+from kbstore.messages import KnowledgeType
 from kbstore.model.results import Assertion, Change, Transaction
 from kbstore.model.symbols import SymbolTable
-from kbstore.model.timelines import METRIC_KEY, Role, Timeline, atom_key
-from kbstore.names import is_wildcard, key
-from kbstore.pddl.parse import condition_of
-from kbstore.pddl.printer import condition_text
+from kbstore.model.timelines import Role, Timeline
 from kbstore.reading.item_factory import ItemFactory
 from kbstore.reading.mentions import mentions
-from kbstore.reading.questions import Knowledge, as_item
+from kbstore.reading.patterns import Pattern
+from kbstore.reading.questions import Knowledge
 from kbstore.reading.reader import Reader
 from kbstore.reading.resolver import TemporalPoint
 from kbstore.storage.repository import Head, LogPosition, RecordedAssertion, Repository
@@ -26,20 +22,6 @@ BATCH = 256
 
 _FEW = 32
 """Up to this many timelines, each is read from where the span begins; more are read as a whole."""
-
-
-class Pattern(NamedTuple):
-    """The timelines that a pattern matches, and which of their assertions it does."""
-
-    kind: KnowledgeType
-    timelines: list[Timeline]
-    type_name: str = ""
-
-    def matches(self, row: RecordedAssertion, symbol_table: SymbolTable) -> bool:
-        """Whether an assertion on one of the timelines matches: an object's type may be given."""
-        if self.kind is not KnowledgeType.INSTANCE or not self.type_name:
-            return True
-        return is_of(symbol_table.domain, row.value[1], [self.type_name])
 
 
 class History:
@@ -57,11 +39,11 @@ class History:
         with self._reader.repository() as repository:
             first, last, now = self._reader.resolver.resolve_span(repository, since, until)
             symbol_table = self._symbols(repository, now, pattern, last)
-            found = self._matching(repository, as_item(pattern, symbol_table), symbol_table)
+            wanted = Pattern(pattern, symbol_table)
             rows = [
                 row
-                for row in self.rows(repository, found.kind, found.timelines, first, last)
-                if found.matches(row, symbol_table) and _overlaps(row, first)
+                for row in self.rows(repository, wanted.kind, wanted.timelines(repository), first, last)
+                if wanted.matches_row(row) and _overlaps(row, first)
             ]
             rows.sort(key=_order)
             return self.as_assertions(repository, rows, symbol_table)
@@ -88,58 +70,13 @@ class History:
         for version in reversed(versions):
             symbol_table = SymbolTable(version.domain)
             try:
-                item = as_item(pattern, symbol_table)
-                if isinstance(item, Fact | Function):
-                    symbol_table.ordered(item.knowledge_type, item.attribute_name, item.arguments, item.labels)
+                Pattern(pattern, symbol_table)
             except UnknownSymbol as error:
                 refusal = refusal or error
             else:
                 return symbol_table
         assert refusal is not None
         raise refusal
-
-    def _matching(self, repository: Repository, item: KnowledgeItem, symbol_table: SymbolTable) -> Pattern:
-        match item:
-            case Fact() | Function():
-                kind = item.knowledge_type
-                if is_wildcard(item.attribute_name):
-                    raise InvalidKnowledge(f"{item}: a pattern names its predicate or function; its arguments may be ?")
-                if (
-                    kind is KnowledgeType.FACT
-                    and symbol_table.domain
-                    and symbol_table.domain.is_derived(item.attribute_name)
-                ):
-                    raise InvalidKnowledge(f"{item} is derived by rules and never asserted; ask when() it was true")
-                name, arguments = symbol_table.ordered(kind, item.attribute_name, item.arguments, item.labels)
-                return Pattern(kind, self._atoms(repository, kind, (key(name), *map(key, arguments))))
-            case Instance():
-                name = key(item.instance_name)
-                timelines = (
-                    repository.of_kind(Role.STATE, KnowledgeType.INSTANCE)
-                    if is_wildcard(name)
-                    else list(repository.find(Role.STATE, KnowledgeType.INSTANCE, [name]).values())
-                )
-                if item.instance_type and symbol_table.domain is not None:
-                    symbol_table.domain.type_spelling(item.instance_type)
-                return Pattern(KnowledgeType.INSTANCE, timelines, item.instance_type)
-            case Inequality():
-                text = condition_text(condition_of(item.changed(is_negative=False), symbol_table.domain))
-                found = repository.find(Role.STATE, KnowledgeType.INEQUALITY, [key(text)])
-                return Pattern(KnowledgeType.INEQUALITY, list(found.values()))
-            case Expression():
-                found = repository.find(Role.STATE, KnowledgeType.EXPRESSION, [METRIC_KEY])
-                return Pattern(KnowledgeType.EXPRESSION, list(found.values()))
-
-    @staticmethod
-    def _atoms(repository: Repository, kind: KnowledgeType, wanted: Sequence[str]) -> list[Timeline]:
-        if not any(map(is_wildcard, wanted)):
-            return list(repository.find(Role.STATE, kind, [atom_key(wanted)]).values())
-        return [
-            timeline
-            for timeline in repository.of_symbol(Role.STATE, kind, wanted[0])
-            if len(timeline.keys) == len(wanted)
-            and all(is_wildcard(part) or part == name for part, name in zip(wanted, timeline.keys, strict=True))
-        ]
 
     # -- rows to assertions -----------------------------------------------------------------------------------
 
@@ -291,25 +228,3 @@ def _overlaps(row: RecordedAssertion, first: int) -> bool:
 
 def _order(row: RecordedAssertion) -> tuple[int, int, int]:
     return row.initial_time, row.recorded, row.timeline.id
-
-
-def matches(pattern: Knowledge, item: KnowledgeItem | Condition, symbol_table: SymbolTable) -> bool:
-    """Whether an item is of the kind, symbol and objects that a pattern says."""
-    wanted = as_item(pattern, symbol_table)
-    if isinstance(wanted, Fact | Function) and isinstance(item, Fact | Function):
-        _, arguments = symbol_table.ordered(
-            wanted.knowledge_type, wanted.attribute_name, wanted.arguments, wanted.labels
-        )
-        keys = (key(wanted.attribute_name), *map(key, arguments))
-        return (
-            wanted.knowledge_type is item.knowledge_type
-            and len(keys) == len(item.key)
-            and all(is_wildcard(part) or part == name for part, name in zip(keys, item.key, strict=True))
-        )
-    if isinstance(wanted, Instance) and isinstance(item, Instance):
-        named = is_wildcard(wanted.instance_name) or key(wanted.instance_name) == key(item.instance_name)
-        typed = not wanted.instance_type or is_of(symbol_table.domain, item.instance_type, [wanted.instance_type])
-        return named and typed
-    if isinstance(wanted, Expression):
-        return isinstance(item, Expression)
-    return str(wanted).lower() == str(item).lower()

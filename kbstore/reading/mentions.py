@@ -1,30 +1,18 @@
-"""Which objects an assertion mentions: with any of them it ends (rule C9)."""
+"""The objects that an assertion refers to: it ends with any of them (rule C9)."""
 
 from collections.abc import Sequence
 from functools import lru_cache
 
 from kbstore.messages import KnowledgeType
-from kbstore.model.formulas import (
-    Atom,
-    Comparison,
-    Defined,
-    Exists,
-    Forall,
-    Formula,
-    Imply,
-    IsA,
-    Not,
-    Preference,
-    Same,
-    Truism,
-)
+from kbstore.model.expressions import atoms_of
+from kbstore.model.formulas import Atom, Comparison, Defined, Formula, IsA, Same, walk
 from kbstore.model.timelines import Role, Timeline, Value
-from kbstore.names import key
+from kbstore.names import is_wildcard, key
 from kbstore.pddl.parse import parse_condition, parse_expression
 
 
 def mentions(timeline: Timeline, value: Value) -> Sequence[str]:
-    """The keys of the objects that an assertion mentions."""
+    """Return the keys of the objects that an assertion refers to."""
     match timeline.kind:
         case KnowledgeType.FACT | KnowledgeType.FUNCTION:
             return timeline.keys[1:]
@@ -40,8 +28,7 @@ def mentions(timeline: Timeline, value: Value) -> Sequence[str]:
 
 @lru_cache(maxsize=1024)
 def _in_expression(text: str) -> Sequence[str]:
-    atoms = [token for token in parse_expression(text) if isinstance(token, Atom)]
-    return tuple({key(argument) for atom in atoms for argument in atom.arguments})
+    return tuple({key(argument) for atom in atoms_of(parse_expression(text)) for argument in atom.arguments})
 
 
 @lru_cache(maxsize=1024)
@@ -50,29 +37,16 @@ def _in_condition(text: str) -> Sequence[str]:
 
 
 def objects_in(condition: Formula) -> set[str]:
-    """The keys of the objects that a condition mentions by name."""
+    """Return the keys of the objects that a condition refers to by name."""
     found: set[str] = set()
-    stack: list[Formula] = [condition]
-    while stack:
-        part = stack.pop()
-        match part:
-            case Atom() | Defined(Atom()):
-                atom = part if isinstance(part, Atom) else part.function
-                found.update(map(key, atom.arguments))
-            case Comparison():
-                for token in (*part.left, *part.right):
-                    if isinstance(token, Atom):
-                        found.update(map(key, token.arguments))
-            case Same():
-                found.update((key(part.left), key(part.right)))
-            case IsA():
-                found.add(key(part.name))
-            case Imply():
-                stack += (part.premise, part.conclusion)
-            case Not() | Exists() | Forall() | Preference():
-                stack.append(part.part)
-            case Truism():
-                pass
-            case _:
-                stack += part.parts
-    return {name for name in found if name and name[0] != "?"}
+    for node, _, _ in walk(condition, {}):
+        match node:
+            case Atom(_, arguments) | Defined(Atom(_, arguments)):
+                found.update(arguments)
+            case Comparison(_, left, right):
+                found.update(argument for atom in atoms_of((*left, *right)) for argument in atom.arguments)
+            case Same(left, right):
+                found.update((left, right))
+            case IsA(name):
+                found.add(name)
+    return {key(name) for name in found if not is_wildcard(name)}

@@ -12,7 +12,7 @@ from kbstore.evaluation.wellformed import check, check_expression
 from kbstore.messages import Condition, Fact, Function, KnowledgeType, Truth
 from kbstore.model.domain import Domain
 from kbstore.model.expressions import NumericExpression, atoms_of
-from kbstore.model.formulas import Atom, Comparison, Defined, Formula, Not, children
+from kbstore.model.formulas import Atom, Comparison, Defined, Formula, Not, walk
 from kbstore.model.symbols import SymbolTable
 from kbstore.model.timelines import Timeline, atom_key
 from kbstore.names import is_wildcard, key
@@ -162,9 +162,7 @@ def _is_lasting(question: Question, symbols: SymbolTable, atoms: Iterable[tuple[
 
 def _atoms(formula: Formula) -> Iterator[tuple[KnowledgeType, Atom]]:
     """The atoms of a condition, each with its knowledge type."""
-    todo = [formula]
-    while todo:
-        node = todo.pop()
+    for node, _, _ in walk(formula, {}):
         match node:
             case Atom():
                 yield KnowledgeType.FACT, node
@@ -173,7 +171,6 @@ def _atoms(formula: Formula) -> Iterator[tuple[KnowledgeType, Atom]]:
             case Comparison(_, left, right):
                 for function in atoms_of((*left, *right)):
                     yield KnowledgeType.FUNCTION, function
-        todo += children(node)
 
 
 def _ground_key(atom: Atom) -> str | None:

@@ -6,7 +6,8 @@ from dataclasses import replace
 
 from kbstore.model.results import Assertion, Change, Transaction
 from kbstore.model.symbols import SymbolTable
-from kbstore.reading.history import History, matches
+from kbstore.reading.history import History
+from kbstore.reading.patterns import Pattern
 from kbstore.reading.questions import Knowledge
 from kbstore.reading.reader import Reader
 from kbstore.storage.repository import LogPosition, Repository
@@ -87,10 +88,10 @@ class Watch:
 
 def _matching(change: Change, pattern: Knowledge, symbol_table: SymbolTable) -> Change | None:
     """Return the change with the assertions that match; None if there are none."""
+    wanted = Pattern(pattern, symbol_table)
 
     def kept(assertions: list[Assertion]) -> list[Assertion]:
-        state = [found for found in assertions if not found.is_goal]
-        return [found for found in state if matches(pattern, found.item, symbol_table)]
+        return [found for found in assertions if not found.is_goal and wanted.matches(found.item)]
 
     asserted, ended, cancelled = kept(change.asserted), kept(change.ended), kept(change.cancelled)
     if not (asserted or ended or cancelled):

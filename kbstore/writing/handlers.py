@@ -25,7 +25,7 @@ from kbstore.messages import (
 from kbstore.model.formulas import Comparison, Formula
 from kbstore.model.symbols import SymbolTable
 from kbstore.model.timelines import METRIC_KEY, EndCause, Identity, Role, Value, atom_key
-from kbstore.names import is_wildcard, key
+from kbstore.names import is_wildcard, key, matches
 from kbstore.pddl.parse import condition_of, parse_condition
 from kbstore.pddl.printer import condition_text, expression_text
 from kbstore.storage.repository import LogPosition, Repository
@@ -277,22 +277,16 @@ class Handlers:
             return [] if state is None else [state]
         position = LogPosition(self._now)
         read = self._repository.scheduled_at if t > self._now else self._repository.state_at
-
-        def matches(role_of: Role, keys: Sequence[str]) -> bool:
-            return (
-                role_of is role
-                and len(keys) == len(pattern)
-                and all(is_wildcard(part) or part == name for part, name in zip(pattern, keys, strict=True))
-            )
-
         stored = {
-            timeline.id: timeline for timeline, *_ in read(kind, position) if matches(timeline.role, timeline.keys)
+            timeline.id: timeline
+            for timeline, *_ in read(kind, position)
+            if timeline.role is role and matches(pattern, timeline.keys)
         }
         self._change_set.loaded(stored.values())
         return [
             state
             for state in self._change_set.states()
-            if state.timeline.kind is kind and matches(state.timeline.role, state.timeline.keys)
+            if (timeline := state.timeline).kind is kind and timeline.role is role and matches(pattern, timeline.keys)
         ]
 
     def _remove_inequality(self, item: Inequality, role: Role, t: int) -> Violations:

@@ -5,8 +5,10 @@ from hypothesis import given, settings
 
 from kbstore.clock import SECOND
 from kbstore.errors import InvalidKnowledge, UnknownSymbol
-from kbstore.evaluation.conditions import Evaluation, check, truth
+from kbstore.evaluation.conditions import truth
+from kbstore.evaluation.evaluator import Evaluation
 from kbstore.evaluation.interpretation import Number
+from kbstore.evaluation.wellformed import check
 from kbstore.messages import ComparisonType, Operator, SpecialType, Truth
 from kbstore.model.expressions import NumericExpression
 from kbstore.model.formulas import (
