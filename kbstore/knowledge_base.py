@@ -487,9 +487,14 @@ class KnowledgeBase:
 
     # -- operators --------------------------------------------------------------------------------------------
 
-    def applicable(self, operator: str, *arguments: str, at: TimeLike | None = None) -> Applicability:
-        """Whether an operator can be applied at a time, and which conditions fail since when (rule O1)."""
-        return applicability(self.state(at), operator, arguments)
+    def applicable(
+        self, operator: str, *arguments: str, at: TimeLike | None = None, duration: DurationLike | None = None
+    ) -> Applicability:
+        """Whether an operator can be applied at a time, and which conditions fail since when (rules O1, O7).
+
+        `duration` is as in `start`; the domain's constraints on it are among the conditions.
+        """
+        return applicability(self.state(at), operator, arguments, duration)
 
     def apply(self, operator: str, *arguments: str, client: str = "", note: str = "") -> Transaction:
         """Do the whole of an instantaneous action. Raises `NotApplicable` with the conditions that fail."""
@@ -498,14 +503,32 @@ class KnowledgeBase:
         return tx.result
 
     def start(
-        self, operator: str, *arguments: str, duration: DurationLike | None = None, client: str = "", note: str = ""
+        self,
+        operator: str,
+        *arguments: str,
+        duration: DurationLike | None = None,
+        force: bool = False,
+        client: str = "",
+        note: str = "",
     ) -> Run:
         """Start a durative action: its at-start effects, and its continuous ones begin (rule O3).
 
-        `duration` is in nanoseconds, a `timedelta` or a duration stamp; without it the domain must fix it.
+        Args:
+            operator: the name of the action.
+            arguments: the objects for its parameters.
+            duration: in nanoseconds (``kbstore.seconds(20)``), a `timedelta` or a duration stamp; without it the
+                domain must fix it.
+            force: start it also where the domain's constraints do not allow the duration (rule O7); the answer's
+                `forced` lists what was overruled.
+            client: who starts it.
+            note: why.
+
+        Raises:
+            NotApplicable: with each condition that fails, and since when.
+            InvalidTime: for a bare number of nanoseconds below a millisecond, which is meant as seconds.
         """
         with self.transaction(client=client, note=note) as tx:
-            return tx.start(operator, *arguments, duration=duration)
+            return tx.start(operator, *arguments, duration=duration, force=force)
 
     def end(self, run: Run, *, client: str = "", note: str = "") -> Ended:
         """End a durative action: its at-end effects. The answer's `failing` are the at-end conditions that failed.

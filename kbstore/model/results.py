@@ -107,13 +107,24 @@ class Diff:
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """A durative action that runs, or ran: `started` in nanoseconds, `duration` in nanoseconds."""
+    """A durative action that runs, or ran.
+
+    `started` and `duration` are in nanoseconds; `duration_s` is the exact duration in seconds, of which `duration` is
+    the rounding (None: exactly `duration`). `forced` has the conditions that ``force=True`` overruled (rule O7).
+    """
 
     operator: str
     arguments: tuple[str, ...]
     started: int
     duration: int
     number: int = 0
+    duration_s: float | None = None
+    forced: tuple[str, ...] = ()
+
+    @property
+    def seconds(self) -> float:
+        """The value of ``?duration``."""
+        return self.duration / SECOND if self.duration_s is None else self.duration_s
 
     @property
     def expected_end(self) -> int:

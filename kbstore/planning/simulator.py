@@ -8,7 +8,6 @@ effects at its expected end. Nothing of it is stored.
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import NamedTuple
 
-from kbstore.clock import SECOND
 from kbstore.errors import KbStoreError
 from kbstore.evaluation.snapshot import Snapshot, StateRow
 from kbstore.messages import KnowledgeType
@@ -134,8 +133,7 @@ class Simulator:
         run = entry.run
         world = Snapshot(self._now, self.rows, self._domain, self._use_unknowns)
         action = ground(self._domain, run.operator, run.arguments, world)
-        seconds = run.duration / SECOND
-        at_end = effects.evaluate(action, Timing.AT_END, world, duration=seconds, remembered=entry.remembered)
+        at_end = effects.evaluate(action, Timing.AT_END, world, duration=run.seconds, remembered=entry.remembered)
 
         def own_rate(function: Atom) -> float:
             row = self._standing.get(self._timeline(KnowledgeType.FUNCTION, function).identity)

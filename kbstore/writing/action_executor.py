@@ -3,10 +3,8 @@
 from collections import defaultdict
 from collections.abc import Sequence
 
-from kbstore import clock
-from kbstore.clock import SECOND, DurationLike
+from kbstore.clock import SECOND, DurationLike, isoformat
 from kbstore.errors import DivisionByZero, HistoryUnavailable, InvalidKnowledge, NotApplicable, UndefinedFunction
-from kbstore.evaluation.interpretation import Interpretation
 from kbstore.messages import KnowledgeType
 from kbstore.model.domain import Domain
 from kbstore.model.formulas import Atom, Formula, Timing
@@ -16,7 +14,7 @@ from kbstore.names import key
 from kbstore.pddl.printer import condition_text
 from kbstore.planning import applicability as planning
 from kbstore.planning import effects, start_conditions
-from kbstore.planning.applicability import Failing
+from kbstore.planning.durations import Failing, chosen_duration, failing_constraints, given_duration
 from kbstore.planning.effects import Effects
 from kbstore.planning.grounding import GroundAction, ground
 from kbstore.planning.simulator import RunningAction
@@ -67,57 +65,71 @@ class ActionExecutor:
         action = _grounded(state, operator, arguments)
         if action.action.durative:
             raise NotApplicable(f"{action} takes time; start() it, and end() it when it is done")
-        found = _at_start(state, action)
-        _refuse(state, action, planning.unsatisfied(action, state.snapshot, at_start=found))
-        self._carry_out(handlers, found, state)
+        at_start = _at_start(state, action)
+        _refuse(state, action, planning.unsatisfied(action, state.snapshot, at_start=at_start))
+        self._carry_out(handlers, at_start, state)
 
     def start(
-        self, state: State, handlers: Handlers, operator: str, arguments: Sequence[str], duration: DurationLike | None
+        self,
+        state: State,
+        handlers: Handlers,
+        operator: str,
+        arguments: Sequence[str],
+        duration: DurationLike | None,
+        force: bool,
     ) -> Run:
-        """Start a durative action."""
+        """Start a durative action; `force` overrules constraints on its duration (rule O7)."""
         action = _grounded(state, operator, arguments)
         if not action.action.durative:
             raise NotApplicable(f"{action} takes no time; apply() does the whole of it")
-        length = self._duration(action, state.snapshot, duration)
+        world = state.snapshot
+        length = chosen_duration(action, world, None if duration is None else given_duration(duration))
         running = self._find(operator, arguments)
         if running is not None:
-            raise NotApplicable(f"{action} runs already, since {clock.isoformat(running.run.started)}; end it first")
-        seconds = length / SECOND
-        found = _at_start(state, action, duration=seconds)
+            raise NotApplicable(f"{action} runs already, since {isoformat(running.run.started)}; end it first")
+        seconds = length.seconds
+        forced = failing_constraints(action, Timing.AT_START, world, seconds) if force else []
+        at_start = _at_start(state, action, duration=seconds, force=force)
         # rates are those at the start, as the at-start effects leave the state
-        world = effects.StateAfter(state.snapshot, found)
+        after = effects.StateAfter(world, at_start)
         lasting, ending = (
-            start_conditions.remembered(action, timing, state.snapshot, duration=seconds)
+            start_conditions.remembered(action, timing, world, duration=seconds)
             for timing in (Timing.OVER_ALL, Timing.AT_END)
         )
-        continuous = effects.evaluate(action, Timing.OVER_ALL, world, duration=seconds, remembered=lasting).rates
-        _refuse(state, action, planning.unsatisfied(action, state.snapshot, duration=seconds, at_start=found))
-        self._carry_out(handlers, found, state)
+        continuous = effects.evaluate(action, Timing.OVER_ALL, after, duration=seconds, remembered=lasting).rates
+        _refuse(state, action, planning.unsatisfied(action, world, duration=seconds, at_start=at_start, force=force))
+        self._carry_out(handlers, at_start, state)
         resolve = handlers.resolver.effect_atom
         rates = tuple((resolve(KnowledgeType.FUNCTION, function).timeline, rate) for function, rate in continuous)
         self.last_run += 1
-        objects = tuple(canonical_term(handlers.resolver, name) for name in action.arguments)
-        run = Run(action.action.name, objects, self._change_set.now, length, self.last_run)
+        run = Run(
+            action.action.name,
+            tuple(canonical_term(handlers.resolver, name) for name in action.arguments),
+            self._change_set.now,
+            length.nanoseconds,
+            self.last_run,
+            None if seconds == length.nanoseconds / SECOND else seconds,
+            tuple(condition_text(condition) for condition, _ in forced),
+        )
         entry = RunningAction(run, rates, ending)
         self.running.append(entry)
         self._started.append(entry)
         return run
 
     def end(self, state: State, handlers: Handlers, run: Run) -> Applicability:
-        """End a durative action; the at-end conditions that fail."""
+        """End a durative action. Returns the at-end conditions and constraints that fail."""
         entry = self._running(run)
         try:
             action = _grounded(state, entry.run.operator, entry.run.arguments)
         except InvalidKnowledge as error:
             raise NotApplicable(f"{entry.run} cannot end: {error}; abort() it") from error
-        seconds = entry.run.duration / SECOND
-        failing = planning.failing(action, Timing.AT_END, state.snapshot, duration=seconds)
+        world, seconds = state.snapshot, entry.run.seconds
+        failing = failing_constraints(action, Timing.AT_END, world, seconds)
+        failing += planning.failing(action, Timing.AT_END, world, duration=seconds)
         try:
-            found = effects.evaluate(
-                action, Timing.AT_END, state.snapshot, duration=seconds, remembered=entry.remembered
-            )
+            at_end = effects.evaluate(action, Timing.AT_END, world, duration=seconds, remembered=entry.remembered)
             self._stop(entry, "ended")
-            self._carry_out(handlers, found, state)
+            self._carry_out(handlers, at_end, state)
         except (UndefinedFunction, DivisionByZero, InvalidKnowledge) as error:
             raise NotApplicable(f"{action} cannot end: {error}; mend the state, or abort() it") from error
         return _explained(state, failing)
@@ -158,17 +170,6 @@ class ActionExecutor:
                 return entry
         return None
 
-    @staticmethod
-    def _duration(action: GroundAction, world: Interpretation, given: DurationLike | None) -> int:
-        if given is not None:
-            return clock.duration(given)
-        fixed = planning.fixed_duration(action, world)
-        if fixed is None:
-            raise InvalidKnowledge(
-                f"{action}: the domain does not fix its duration; give one, as: duration=kbstore.seconds(30)"
-            )
-        return fixed
-
     # -- effects ----------------------------------------------------------------------------------------------
 
     def _carry_out(self, handlers: Handlers, found: Effects, state: State) -> None:
@@ -200,20 +201,31 @@ class ActionExecutor:
             recorder.end_run(entry.run.number, entry.run.started, outcome)
 
 
-def applicability(state: State, operator: str, arguments: Sequence[str]) -> Applicability:
+def applicability(
+    state: State, operator: str, arguments: Sequence[str], duration: DurationLike | None = None
+) -> Applicability:
     """Whether an operator can be applied to a state, and the conditions that fail, each with since when (rule O1)."""
     action = _grounded(state, operator, arguments)
-    return _explained(state, planning.unsatisfied(action, state.snapshot))
+    if duration is None:
+        return _explained(state, planning.unsatisfied(action, state.snapshot))
+    if not action.action.durative:
+        raise InvalidKnowledge(f"{action} takes no time; ask for it without a duration")
+    length = chosen_duration(action, state.snapshot, given_duration(duration))
+    return _explained(state, planning.unsatisfied(action, state.snapshot, duration=length.seconds))
 
 
-def _at_start(state: State, action: GroundAction, *, duration: float | None = None) -> Effects:
+def _at_start(state: State, action: GroundAction, *, duration: float | None = None, force: bool = False) -> Effects:
     """The at-start effects of an action, once its at-start conditions hold; `NotApplicable` where they do not.
 
-    A number that an effect cannot be reckoned with has an error of its own.
+    A number that an effect needs and that is not there has an error of its own.
     """
-    if planning.failing(action, Timing.AT_START, state.snapshot, duration=duration):
-        _refuse(state, action, planning.unsatisfied(action, state.snapshot, duration=duration))
-    return effects.evaluate(action, Timing.AT_START, state.snapshot, duration=duration)
+    world = state.snapshot
+    failing = planning.failing(action, Timing.AT_START, world, duration=duration)
+    if duration is not None and not force:
+        failing += failing_constraints(action, Timing.AT_START, world, duration)
+    if failing:
+        _refuse(state, action, planning.unsatisfied(action, world, duration=duration, force=force))
+    return effects.evaluate(action, Timing.AT_START, world, duration=duration)
 
 
 def _explained(state: State, failing: Sequence[Failing]) -> Applicability:

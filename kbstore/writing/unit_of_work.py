@@ -304,17 +304,19 @@ class OpenTransaction:
 
     # -- operators --------------------------------------------------------------------------------------------
 
-    def applicable(self, operator: str, *arguments: str) -> Applicability:
+    def applicable(self, operator: str, *arguments: str, duration: DurationLike | None = None) -> Applicability:
         """Whether an operator can be applied to the state as the transaction has it (rule O1)."""
-        return applicability(self.state(), operator, arguments)
+        return applicability(self.state(), operator, arguments, duration)
 
     def apply(self, operator: str, *arguments: str) -> None:
         """Do the whole of an instantaneous action (rules O2, O3)."""
         self._act(lambda: self._executor.apply(self.state(), self._handlers, operator, arguments))
 
-    def start(self, operator: str, *arguments: str, duration: DurationLike | None = None) -> Run:
+    def start(self, operator: str, *arguments: str, duration: DurationLike | None = None, force: bool = False) -> Run:
         """Start a durative action: its at-start effects, and its continuous ones begin."""
-        return self._act(lambda: self._executor.start(self.state(), self._handlers, operator, arguments, duration))
+        return self._act(
+            lambda: self._executor.start(self.state(), self._handlers, operator, arguments, duration, force)
+        )
 
     def end(self, run: Run) -> Applicability:
         """End a durative action: its at-end effects. Returns the at-end conditions that fail."""

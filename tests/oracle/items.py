@@ -192,7 +192,7 @@ class RefAction:
 
     A negative fact among the effects is a delete. `decided_at_start` are effects at the end, each after the fact that
     decides by its truth at the start whether it happens. `rates` are the action's contributions per second, while it
-    runs, to functions.
+    runs, to functions. `bounds` compare the duration in seconds, by "<=", ">=" or "=", with a number or a function.
     """
 
     name: str
@@ -204,15 +204,17 @@ class RefAction:
     decided_at_start: tuple[tuple[Fact, Fact], ...] = ()
     numbers_at_end: tuple[Number, ...] = ()
     rates: tuple[tuple[Term, float], ...] = ()
+    bounds: tuple[tuple[str, float | Term], ...] = ()
 
 
 @dataclass(frozen=True)
 class Start:
-    """The start of an action with its arguments and duration in nanoseconds."""
+    """The start of an action with its arguments and duration in nanoseconds; `force` overrules its bounds."""
 
     action: RefAction
     arguments: tuple[str, ...]
     duration: int = 0
+    force: bool = False
 
     def ground(self, places: tuple[str, ...]) -> tuple[str, ...]:
         """The arguments that belong to some places."""

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 from tests.oracle.corrections import Corrections, Refused, Update
 from tests.oracle.items import (
+    SECOND,
     Comparison,
     Condition,
     Fact,
@@ -14,6 +15,7 @@ from tests.oracle.items import (
     Object,
     RefDomain,
     Start,
+    Term,
     Timeline,
     matches,
     timeline,
@@ -186,7 +188,8 @@ class Overlay(Corrections):
                 self.violations.append(f"{argument} is {found}, not {wanted}")
                 return
         again = any((run.start.action, run.start.arguments) == (start.action, start.arguments) for run in self.running)
-        if again or not all(map(self._holds, start.facts(start.action.needs))):
+        allowed = start.force or all(self._allows(start, *bound) for bound in start.action.bounds)
+        if again or not allowed or not all(map(self._holds, start.facts(start.action.needs))):
             self.failures.append(Refused("NotApplicable", str(start)))
             return
         if any(
@@ -205,6 +208,18 @@ class Overlay(Corrections):
             self.failures.append(Refused("NotApplicable", str(start)))
             return
         self.running = [*self.running, Running(start, self.now, decided)]
+
+    def _allows(self, start: Start, comparison: str, bound: float | Term) -> bool:
+        """Whether a bound allows a duration, to a nanosecond (rule O7); one that is undefined does not."""
+        if isinstance(bound, tuple):
+            name, places = bound
+            standing = self.standing.get(timeline("state", Number(name, start.ground(places))))
+            if standing is None:
+                return False
+            assert isinstance(standing[0], Number)
+            bound = self.world.value(*standing, self.now)
+        over = start.duration - bound * SECOND
+        return (comparison == ">=" or over <= 1) and (comparison == "<=" or over >= -1)
 
     def _stop(self, start: Start, with_effects: bool) -> None:
         found = [run for run in self.running if run.start == start]

@@ -5,7 +5,7 @@ import pytest
 from kbstore.errors import DivisionByZero, InvalidKnowledge, UndefinedFunction
 from kbstore.messages import ComparisonType, Operator
 from kbstore.model.actions import Action, DurationConstraint
-from kbstore.planning.applicability import fixed_duration
+from kbstore.planning.durations import Duration, fixed_duration
 from tests.planning.robots import END, action, grounded, tokens, world
 
 MORE, LESSEQ, EQUALS = ComparisonType.GREATEREQ, ComparisonType.LESSEQ, ComparisonType.EQUALS
@@ -15,15 +15,15 @@ def test_the_domain_fixes_the_duration():
     """O3: ``(= ?duration ...)`` fixes the duration, in seconds of the domain and nanoseconds here."""
     act = action("r:robot a:wp b:wp", duration=[(EQUALS, tokens(Operator.DIV, "distance ?a ?b", "speed ?r"))])
     before = world(numbers={"distance wp0 wp1": 3, "speed kenny": 2})
-    assert fixed_duration(grounded(act, "Kenny", "WP0", "wp1"), before) == 1_500_000_000
+    assert fixed_duration(grounded(act, "Kenny", "WP0", "wp1"), before) == Duration(1.5, 1_500_000_000)
 
 
 @pytest.mark.parametrize(
     ("seconds", "expected"), [(0.1, 100_000_000), (1 / 3, 333_333_333), (2 / 3, 666_666_667), (0.0, 0), (1e-10, 0)]
 )
 def test_a_fixed_duration_is_rounded_to_the_nearest_nanosecond(seconds: float, expected: int):
-    """O3, T1: durations are whole nanoseconds."""
-    assert fixed_duration(grounded(action(duration=[(EQUALS, (seconds,))])), world()) == expected
+    """O7: ``?duration`` is exactly what the domain fixes; only the time of the end is rounded."""
+    assert fixed_duration(grounded(action(duration=[(EQUALS, (seconds,))])), world()) == (seconds, expected)
 
 
 def test_other_constraints_fix_nothing():

@@ -19,7 +19,7 @@ from kbstore.model.formulas import (
     Same,
     Truism,
 )
-from kbstore.planning.applicability import ground
+from kbstore.planning.grounding import ground
 from tests.planning.robots import OVER_ALL, START, action, atom, grounded, parameters, robots, tokens, world
 
 

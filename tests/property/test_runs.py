@@ -35,7 +35,13 @@ DRIVE = RefAction(
     numbers_at_end=(Number("cost", (), 1.0, operation="increase"),),
     rates=((("load", ("0",)), -2.0),),
 )
-CHARGE = RefAction("charge", ("robot",), needs=(Fact("lit"),), rates=((("load", ("0",)), 3.0), (("cost", ()), 0.5)))
+CHARGE = RefAction(
+    "charge",
+    ("robot",),
+    needs=(Fact("lit"),),
+    rates=((("load", ("0",)), 3.0), (("cost", ()), 0.5)),
+    bounds=((">=", 1.0), ("<=", ("load", ("0",)))),
+)
 SWEEP = RefAction(
     "sweep",
     ("place",),
@@ -43,6 +49,7 @@ SWEEP = RefAction(
     at_start=(Fact("lit"),),
     at_end=(Fact("clean", ("0",)), Fact("lit", positive=False)),
     numbers_at_end=(Number("cost", (), 2.0),),
+    bounds=(("=", 2.0),),
 )
 GUARD = RefAction(
     "guard",
@@ -115,9 +122,13 @@ def pddl() -> str:
         ]
         effects += [f"(at end ({n.operation} {atom(n.name, n.arguments)} {n.value}))" for n in act.numbers_at_end]
         effects += [f"(increase {atom(*term)} (* #t {rate}))" for term, rate in act.rates]
+        bounds = [
+            f"({comparison} ?duration {atom(*bound) if isinstance(bound, tuple) else bound})"
+            for comparison, bound in act.bounds
+        ]
         return (
             (
-                f"(:durative-action {act.name} :parameters ({parameters(act.types)}) :duration (>= ?duration 0)"
+                f"(:durative-action {act.name} :parameters ({parameters(act.types)}) :duration (and {' '.join(bounds)})"
                 f" :condition (and {' '.join(conditions)}) :effect (and {' '.join(effects)}))"
             )
             .replace("?0", "?x")
@@ -182,10 +193,10 @@ class Missions(RuleBasedStateMachine):
         at = self._now() + ahead * HALF if ahead else 0
         self._write(replace(update, at=at))
 
-    @rule(tick=ticks, start=starts, duration=st.integers(1, 8))
-    def start(self, tick, start, duration):
+    @rule(tick=ticks, start=starts, duration=st.integers(1, 8), force=st.sampled_from([False, False, False, True]))
+    def start(self, tick, start, duration, force):
         self.clock.advance(tick)
-        self._write(Update("start", Start(*start, duration * HALF)))
+        self._write(Update("start", Start(*start, duration * HALF, force)))
 
     @rule(tick=ticks, which=st.integers(0, 5), how=st.sampled_from(["end", "end", "abort"]))
     def stop(self, tick, which, how):
@@ -225,7 +236,9 @@ class Missions(RuleBasedStateMachine):
         item = update.item
         if isinstance(item, Start):
             if update.what == "start":
-                self.runs[item] = self.kb.start(item.action.name, *item.arguments, duration=item.duration)
+                self.runs[item] = self.kb.start(
+                    item.action.name, *item.arguments, duration=item.duration, force=item.force
+                )
             else:
                 getattr(self.kb, update.what)(self.runs[item])
         elif update.what == "clear":
