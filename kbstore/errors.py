@@ -4,12 +4,19 @@ Each error also inherits the builtin that it resembles, so that a caller who kno
 A message says what was wrong, in PDDL, what was expected, and what to do.
 """
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
+_CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff\ud800-\udfff]")
+"""Characters that a terminal or a log obeys instead of showing them; line breaks and tabs are the messages' own."""
+
 
 class KbStoreError(Exception):
-    """The root of all errors of kbstore."""
+    """The root of all errors of kbstore. Messages show control characters of what they quote as escapes."""
+
+    def __init__(self, *args: object) -> None:
+        super().__init__(*(_escaped(part) if isinstance(part, str) else part for part in args))
 
 
 class InvalidKnowledge(KbStoreError, ValueError):
@@ -19,7 +26,7 @@ class InvalidKnowledge(KbStoreError, ValueError):
     """
 
     def __init__(self, *violations: str) -> None:
-        self.violations: tuple[str, ...] = tuple(map(_shortened, violations))
+        self.violations: tuple[str, ...] = tuple(_escaped(_shortened(violation)) for violation in violations)
         super().__init__(_listed(self.violations))
 
 
@@ -96,6 +103,11 @@ class SchemaUnknown(KbStoreError, RuntimeError):
 
 class StoreUnavailable(KbStoreError, ConnectionError):
     """The database cannot be reached, is locked by others, is full, or has been closed."""
+
+
+def _escaped(text: str) -> str:
+    """The text with its control characters as Python writes them."""
+    return _CONTROL.sub(lambda found: repr(found.group())[1:-1], text)
 
 
 def _listed(violations: Sequence[str]) -> str:

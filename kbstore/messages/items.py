@@ -1,17 +1,20 @@
 """The KnowledgeItem in its five types, and the condition that no item can carry."""
 
 from abc import abstractmethod
-from collections.abc import Mapping
-from typing import Annotated, Any, Literal
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, TypeAdapter, ValidationError, field_validator, model_validator
 
-from kbstore.clock import time
+from kbstore.clock import TimeLike, time
 from kbstore.errors import InvalidKnowledge
 from kbstore.messages.base import Message, format_number, lazy, typed_error
 from kbstore.messages.enums import AssignOp, KnowledgeType
-from kbstore.messages.formulas import DomainInequality, ExprComposite, Values
+from kbstore.messages.formulas import DomainInequality, ExprComposite, KeyValue, Values
 from kbstore.names import key
+
+ValuesLike = Mapping[str, str] | Iterable[str | KeyValue]
+"""Arguments as callers may give them: objects by label, labelled values, or names in order."""
 
 Time = Annotated[int, BeforeValidator(lambda value: 0 if value is None else time(value))]
 """Nanoseconds; as an `initial_time`, 0 means now (T1)."""
@@ -85,6 +88,18 @@ class Fact(_Attribute):
 
     knowledge_type: Literal[KnowledgeType.FACT] = KnowledgeType.FACT
 
+    if TYPE_CHECKING:
+
+        def __init__(
+            self,
+            *,
+            attribute_name: str = "",
+            values: ValuesLike = (),
+            is_negative: bool = False,
+            initial_time: TimeLike | None = 0,
+            knowledge_type: Literal[KnowledgeType.FACT] = KnowledgeType.FACT,
+        ) -> None: ...
+
 
 class Function(_Attribute):
     """A numeric function's value: ``(= (battery kenny) 80)``, or a change of it (rule C7).
@@ -96,6 +111,21 @@ class Function(_Attribute):
     function_value: float | None = None
     assign_op: AssignOp = AssignOp.ASSIGN
     rate: float = 0.0
+
+    if TYPE_CHECKING:
+
+        def __init__(
+            self,
+            *,
+            attribute_name: str = "",
+            values: ValuesLike = (),
+            function_value: float | None = None,
+            assign_op: AssignOp = AssignOp.ASSIGN,
+            rate: float = 0.0,
+            is_negative: bool = False,
+            initial_time: TimeLike | None = 0,
+            knowledge_type: Literal[KnowledgeType.FUNCTION] = KnowledgeType.FUNCTION,
+        ) -> None: ...
 
     @field_validator("function_value", "rate", mode="before")
     @classmethod

@@ -1,13 +1,17 @@
 """Everything that can be asked, read as a condition or an expression: PDDL text, items, messages, formulas."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Protocol, cast, get_args
+
+from pydantic import ValidationError
 
 from kbstore.conversion import from_composite
 from kbstore.errors import InvalidKnowledge
+from kbstore.interop import plansys2
 from kbstore.messages import (
     Condition,
     DomainFormula,
+    DomainInequality,
     ExprComposite,
     Expression,
     ExprType,
@@ -20,11 +24,13 @@ from kbstore.messages import (
     from_message,
     key_values,
 )
+from kbstore.messages.base import typed_error
 from kbstore.model import formulas
 from kbstore.model.domain import Domain
 from kbstore.model.expressions import NumericExpression
 from kbstore.model.symbols import SymbolTable
 from kbstore.pddl.parse import condition_of, parse_condition, parse_expression, parse_item
+from kbstore.pddl.printer import condition_text
 
 
 class KnowledgeMessage(Protocol):
@@ -35,14 +41,67 @@ class KnowledgeMessage(Protocol):
         """Which of the five types it is."""
 
 
-Knowledge = str | KnowledgeItem | Condition | KnowledgeMessage | Mapping[str, Any]
-"""A piece of knowledge: PDDL text, an item, or a ROS message, as an object or as a mapping of the same shape."""
+class InequalityMessage(Protocol):
+    """A ROS message DomainInequality."""
 
-Question = Knowledge | ExprComposite | formulas.Formula | NumericExpression
-"""A question: a piece of knowledge, or a condition or an expression of the model."""
+    @property
+    def comparison_type(self) -> int:
+        """How the two sides are compared."""
+
+
+class ExpressionMessage(Protocol):
+    """A ROS message ExprComposite."""
+
+    @property
+    def tokens(self) -> Sequence[Any]:
+        """The expression in prefix order."""
+
+
+Knowledge = (
+    str
+    | KnowledgeItem
+    | Condition
+    | KnowledgeMessage
+    | InequalityMessage
+    | plansys2.ParamMessage
+    | plansys2.NodeMessage
+    | plansys2.TreeMessage
+    | Mapping[str, Any]
+)
+"""A piece of knowledge: PDDL text, an item, or a message of ROSPlan or PlanSys2, as an object or as a mapping."""
+
+Question = Knowledge | ExpressionMessage | formulas.Formula | NumericExpression
+"""A question: a piece of knowledge, or a condition or an expression, as a message or of the model."""
 
 _ITEMS = (Instance, Fact, Function, Expression, Inequality)
 _FORMULAS = get_args(formulas.Formula)
+_DECODED = (str, *_ITEMS, Condition, ExprComposite, DomainInequality, *_FORMULAS, tuple)
+
+_Decoded = str | KnowledgeItem | Condition | ExprComposite | DomainInequality | formulas.Formula | NumericExpression
+
+
+def decoded(question: Question) -> _Decoded:
+    """Return what a message or a mapping means, by the fields that it has; anything else as it is.
+
+    Raises `InvalidKnowledge` for what is not of the shape of any message, or not right in it.
+    """
+    if isinstance(question, _DECODED):
+        return cast("_Decoded", question)
+
+    def has(field: str) -> bool:
+        return field in question if isinstance(question, Mapping) else hasattr(question, field)
+
+    if not has("knowledge_type"):
+        for model, field in ((ExprComposite, "tokens"), (DomainInequality, "comparison_type")):
+            if has(field):
+                try:
+                    return model.model_validate(question)
+                except ValidationError as error:
+                    raise typed_error(model.__name__, error) from None
+        meant = plansys2.read(question)
+        if meant is not None:
+            return meant
+    return from_message(question)
 
 
 def as_item(knowledge: Question, symbol_table: SymbolTable) -> KnowledgeItem:
@@ -52,14 +111,23 @@ def as_item(knowledge: Question, symbol_table: SymbolTable) -> KnowledgeItem:
         if isinstance(item, Fact) and symbol_table.domain is None and symbol_table.is_function(item.attribute_name):
             return Function(attribute_name=item.attribute_name, values=item.values, is_negative=item.is_negative)
         return item
-    given = knowledge if isinstance(knowledge, _ITEMS) else from_message(knowledge)
+    given = decoded(knowledge)
     match given:
+        case DomainInequality():
+            return as_item(Inequality(ineq=given), symbol_table)
         case Inequality():
             left, right = _in_order(given.ineq.LHS, symbol_table), _in_order(given.ineq.RHS, symbol_table)
             return given.changed(ineq=given.ineq.changed(LHS=left, RHS=right))
         case Expression():
             return given.changed(expr=_in_order(given.expr, symbol_table))
-    return given
+        case Instance() | Fact() | Function():
+            return given
+        case ExprComposite() | tuple():
+            raise InvalidKnowledge(f"{given!s:.200} is an expression, which has a value: ask for it by kb.value(...)")
+        case Condition():
+            return parse_item(given.text, symbol_table.domain)
+        case _:
+            return parse_item(condition_text(cast("formulas.Formula", given)), symbol_table.domain)
 
 
 def as_condition(question: Question, symbol_table: SymbolTable) -> formulas.Formula:
@@ -73,11 +141,12 @@ def as_condition(question: Question, symbol_table: SymbolTable) -> formulas.Form
         ):
             return formulas.Defined(condition)
         return condition
-    if isinstance(question, _FORMULAS):
-        return cast("formulas.Formula", question)
-    if isinstance(question, Condition):
-        return parse_condition(question.text, symbol_table.domain)
-    item = as_item(question, symbol_table)
+    given = decoded(question)
+    if isinstance(given, _FORMULAS):
+        return cast("formulas.Formula", given)
+    if isinstance(given, Condition):
+        return parse_condition(given.text, symbol_table.domain)
+    item = as_item(given, symbol_table)
     if symbol_table.domain is None and isinstance(item, Fact | Function) and any(item.labels):
         item = _unlabelled(item, symbol_table)
     return condition_of(item, symbol_table.domain)
@@ -87,13 +156,14 @@ def as_expression(question: Question, symbol_table: SymbolTable) -> NumericExpre
     """The numeric expression whose value is asked for."""
     if isinstance(question, str):
         return parse_expression(question)
-    if isinstance(question, ExprComposite):
-        return from_composite(_in_order(question, symbol_table))
-    if isinstance(question, tuple):
-        return question
-    if isinstance(question, formulas.Atom):
-        return (question,)
-    item = as_item(question, symbol_table)
+    given = decoded(question)
+    if isinstance(given, ExprComposite):
+        return from_composite(_in_order(given, symbol_table))
+    if isinstance(given, tuple):
+        return given
+    if isinstance(given, formulas.Atom):
+        return (given,)
+    item = as_item(given, symbol_table)
     if isinstance(item, Expression):
         return from_composite(item.expr)
     if not isinstance(item, Function):

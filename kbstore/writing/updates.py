@@ -6,12 +6,23 @@ from functools import partial
 from typing import Any, TypeVar
 
 from kbstore.errors import InvalidKnowledge, KbStoreError, UnknownSymbol
-from kbstore.messages import Condition, Fact, Function, Goal, Inequality, KnowledgeItem, UpdateType
+from kbstore.messages import (
+    Condition,
+    DomainInequality,
+    Expression,
+    Fact,
+    Function,
+    Goal,
+    Inequality,
+    Instance,
+    KnowledgeItem,
+    UpdateType,
+)
 from kbstore.model.symbols import SymbolTable
 from kbstore.model.timelines import Role
 from kbstore.pddl.parse import condition_of, goals_of
 from kbstore.pddl.problem_reader import Problem
-from kbstore.reading.questions import Knowledge, Question, as_condition, as_item
+from kbstore.reading.questions import Knowledge, Question, as_condition, as_item, decoded
 from kbstore.writing.handlers import Handlers
 from kbstore.writing.resolution import Violations
 
@@ -115,20 +126,21 @@ def items_in(given: Knowledge, symbols: SymbolTable) -> Sequence[KnowledgeItem]:
 
 def goals_in(knowledge: Question, symbols: SymbolTable) -> Sequence[Goal]:
     """The goals that a caller gave as a message, text or formula; of a conjunction, its parts (rule C10)."""
-    if isinstance(knowledge, Fact):
-        return [knowledge]
+    given = decoded(knowledge)
+    if isinstance(given, Fact):
+        return [given]
     initial_time = 0
-    if isinstance(knowledge, Condition):
-        initial_time = knowledge.initial_time
-    elif not isinstance(knowledge, str):
-        item = as_item(knowledge, symbols)
+    if isinstance(given, Condition):
+        initial_time = given.initial_time
+    elif isinstance(given, Instance | Function | Expression | Inequality | DomainInequality):
+        item = as_item(given, symbols)
         if isinstance(item, Fact | Inequality):
             return [item]
         if not isinstance(item, Function):
             raise InvalidKnowledge(f"{item} is not a goal; a goal is a fact, a negative fact or a condition")
         initial_time = item.initial_time
-        knowledge = condition_of(item, symbols.domain)
-    goals = goals_of(as_condition(knowledge, symbols), symbols.domain)
+        given = condition_of(item, symbols.domain)
+    goals = goals_of(as_condition(given, symbols), symbols.domain)
     return [goal.changed(initial_time=initial_time) for goal in goals] if initial_time else goals
 
 

@@ -23,6 +23,8 @@ class Stamp:
 
 def right(kb: kbstore.KnowledgeBase, message: Any, mapping: dict[str, object]) -> None:
     kb.add("(p)", Fact(attribute_name="p"), mapping, message, initial_time="+30s")
+    kb.add(Fact(attribute_name="p", values=["a"]), Fact(attribute_name="p", values={"x": "a"}, is_negative=True))
+    kb.add(kbstore.Function(attribute_name="f", values=[kbstore.KeyValue("x", "a")], function_value=3))
     kb.add(*kb.state().facts, initial_time=datetime.now(UTC))
     kb.holds(Fact(attribute_name="p"), at=Stamp(), as_of=kb.add("(p)"))
     kb.value(ExprComposite(), {"sec": 3, "nanosec": 0})
@@ -41,6 +43,8 @@ def right(kb: kbstore.KnowledgeBase, message: Any, mapping: dict[str, object]) -
 
 def wrong(kb: kbstore.KnowledgeBase, tx: kbstore.OpenTransaction, state: kbstore.State) -> None:
     kb.add(42)  # wrong
+    Fact(attribute_name="p", values=[3])  # wrong
+    Fact(name="p")  # wrong
     kb.remove(None)  # wrong
     kb.add_goal(3.5)  # wrong
     kb.holds("(p)", 3.5)  # wrong
