@@ -3,11 +3,12 @@
 from collections.abc import Collection, Iterator, Mapping
 from itertools import product
 from math import prod
+from typing import cast
 
 from kbstore.evaluation import comparisons
 from kbstore.evaluation.derived import Derived
-from kbstore.evaluation.interpretation import Arguments, Interpretation
-from kbstore.evaluation.joins import Guard, Relation, assignments, guards
+from kbstore.evaluation.interpretation import Arguments, IndexedInterpretation, Interpretation
+from kbstore.evaluation.joins import Guard, IndexedRelation, ObjectsOfTypes, Relation, assignments, guards
 from kbstore.evaluation.substitution import Bindings, Pattern, keyed, pattern, term
 from kbstore.evaluation.wellformed import check
 from kbstore.messages.enums import Truth
@@ -45,7 +46,8 @@ class Evaluation:
         self._absent = Truth.UNKNOWN if world.use_unknowns else Truth.FALSE
         self._asserted: dict[str, Relation] = {}
         self._denied: dict[str, Relation] = {}
-        self._objects: dict[Types, dict[str, None]] = {}
+        self._objects: dict[Types, Collection[str]] = {}
+        self._indexed = cast("IndexedInterpretation", world) if hasattr(world, "matching") else None
         domain = world.domain
         self._derived_names = frozenset(domain.rules) if domain else frozenset[str]()
         self._derived: Derived | None = None
@@ -137,8 +139,12 @@ class Evaluation:
         """The objects that exist and are of one of the types."""
         found = self._objects.get(types)
         if found is None:
-            found = self._objects[types] = dict.fromkeys(self.world.objects(types))
-        return found.keys()
+            if self._indexed is not None:
+                found = ObjectsOfTypes(self._indexed, types)
+            else:
+                found = dict.fromkeys(self.world.objects(types)).keys()
+            self._objects[types] = found
+        return found
 
     @property
     def derived(self) -> Derived:
@@ -207,7 +213,10 @@ class Evaluation:
         """The rows that are asserted of a predicate, or explicitly denied."""
         known = self._asserted if sign else self._denied
         if name not in known:
-            known[name] = Relation(row for row, its_sign in self.world.facts(name) if its_sign is sign)
+            if self._indexed is not None:
+                known[name] = IndexedRelation(self._indexed, name, sign)
+            else:
+                known[name] = Relation(row for row, its_sign in self.world.facts(name) if its_sign is sign)
         return known[name]
 
     def _rows(self, name: str) -> tuple[Relation, Relation | None]:

@@ -60,6 +60,13 @@ class Interpretation(Protocol):
         """The type of an object or constant, None where it does not exist."""
 
 
+class IndexedInterpretation(Interpretation, Protocol):
+    """What holds at one moment, in a store that finds facts by any of their objects."""
+
+    def matching(self, name: str, wanted: tuple[str | None, ...]) -> Iterable[tuple[Arguments, bool]]:
+        """The facts of a predicate that have the given arguments, at least one of them, each with its sign."""
+
+
 Span = tuple[int, int]
 """A half-open interval of time, in nanoseconds."""
 

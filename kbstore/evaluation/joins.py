@@ -5,8 +5,9 @@ are many; but an atom that must not be false for the formula to matter (a *guard
 """
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from sys import maxsize
 
-from kbstore.evaluation.interpretation import Arguments
+from kbstore.evaluation.interpretation import Arguments, IndexedInterpretation
 from kbstore.evaluation.substitution import Bindings, Pattern, pattern
 from kbstore.model.formulas import (
     And,
@@ -30,6 +31,11 @@ class Relation:
     def __init__(self, rows: Iterable[Arguments] = ()) -> None:
         self._rows = dict.fromkeys(rows)
         self._indexes: dict[tuple[int, ...], dict[Arguments, list[Arguments]]] = {}
+
+    @property
+    def cost(self) -> int:
+        """How many rows it takes to read all of it, as far as that is known."""
+        return len(self)
 
     def __contains__(self, row: Arguments) -> bool:
         return row in self._rows
@@ -61,11 +67,97 @@ class Relation:
     def _index(self, positions: tuple[int, ...]) -> dict[Arguments, list[Arguments]]:
         index = self._indexes.get(positions)
         if index is None:
-            index = self._indexes[positions] = {}
+            index = {}
             for row in self._rows:
                 if positions[-1] < len(row):
                     index.setdefault(tuple([row[i] for i in positions]), []).append(row)
+            self._indexes[positions] = index
         return index
+
+
+_READ_ALL = 16
+"""After so many look-ups the whole of a predicate is read: each costs as much as reading some rows."""
+
+
+class IndexedRelation(Relation):
+    """The rows with one sign of a predicate in a world that finds them by an object: read as far as is asked.
+
+    Args:
+        world: the world, which has `matching`.
+        name: the predicate's key.
+        sign: the sign of the rows.
+    """
+
+    def __init__(self, world: IndexedInterpretation, name: str, sign: bool) -> None:
+        super().__init__()
+        self._world = world
+        self._name = name
+        self._sign = sign
+        self._found: dict[Pattern, list[Arguments]] = {}
+        self._is_read = False
+
+    def __contains__(self, row: Arguments) -> bool:
+        return any(True for _ in self.matching(row))
+
+    def __iter__(self) -> Iterator[Arguments]:
+        self._read()
+        return super().__iter__()
+
+    def __len__(self) -> int:
+        self._read()
+        return super().__len__()
+
+    @property
+    def cost(self) -> int:
+        """Many, as long as they have not been read."""
+        return len(self._rows) if self._is_read else maxsize
+
+    def matching(self, wanted: Pattern) -> Iterator[Arguments]:
+        """The rows that have the values of the pattern, where it has any."""
+        if not self._is_read and any(value is not None for value in wanted):
+            found = self._found.get(wanted)
+            if found is None and len(self._found) < _READ_ALL:
+                found = self._found[wanted] = [
+                    row for row, sign in self._world.matching(self._name, wanted) if sign is self._sign
+                ]
+            if found is not None:
+                return iter(found)
+        self._read()
+        return super().matching(wanted)
+
+    def _read(self) -> None:
+        if not self._is_read:
+            self._rows = dict.fromkeys(row for row, sign in self._world.facts(self._name) if sign is self._sign)
+            self._is_read = True
+
+
+class ObjectsOfTypes(Collection[str]):
+    """The objects of some types in such a world: a single one is looked up, as long as not all are asked for."""
+
+    def __init__(self, world: IndexedInterpretation, types: Types) -> None:
+        self._world = world
+        self._types = types
+        self._looked_up = 0
+        self._all: dict[str, None] | None = None
+
+    def __contains__(self, name: object) -> bool:
+        domain = self._world.domain
+        if self._all is None and domain is not None and isinstance(name, str) and self._looked_up < _READ_ALL:
+            self._looked_up += 1
+            type_name = self._world.type_of(name)
+            return type_name is not None and domain.is_subtype(type_name, self._types)
+        return name in self._read()
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._read())
+
+    def __len__(self) -> int:
+        return len(self._read())
+
+    def _read(self) -> dict[str, None]:
+        if self._all is None:
+            self._all = dict.fromkeys(self._world.objects(self._types))
+        return self._all
 
 
 Guard = tuple[Atom, Relation]
@@ -143,7 +235,7 @@ def _plan(
     def rank(guard: Guard) -> tuple[int, bool, int]:
         terms = [a for a in guard[0].arguments if not is_wildcard(a) or key(a[1:]) in bound]
         free = any(is_variable(a, unbound) for a in guard[0].arguments)
-        return free, not terms, len(guard[1])
+        return free, not terms, guard[1].cost
 
     steps: list[_Step] = []
     unbound = dict(variables)
