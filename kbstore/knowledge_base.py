@@ -261,6 +261,24 @@ class KnowledgeBase:
 
         return ingest(begin, items, batch=batch, progress=progress)
 
+    def replace(self, *items: Knowledge, client: str = "", note: str = "") -> Transaction:
+        """Make the state what the items assert, in one transaction that records the difference alone (rule C13).
+
+        Objects, facts, functions and recorded inequalities that hold and are not among the items are removed, an object
+        with what mentions it and what runs with it. Goals, metric and what is scheduled are left alone.
+
+        Args:
+            items: everything that is to hold, objects included, as for `add`.
+            client: who replaces it.
+            note: why.
+
+        Raises:
+            InvalidKnowledge: with all violations; also for an item of a future time, a relative change or a metric.
+        """
+        with self.transaction(client=client, note=note) as tx:
+            tx.replace(*items)
+        return tx.result
+
     def clear(self, *, client: str = "", note: str = "") -> Transaction:
         """End everything that stands, cancel everything scheduled, abort what runs; history remains."""
         with self.transaction(client=client, note=note) as tx:

@@ -158,6 +158,10 @@ class ActionExecutor:
             self._ended.append((entry, outcome))
 
     def _running(self, run: Run) -> RunningAction:
+        if not isinstance(run, Run):
+            raise InvalidKnowledge(
+                f"{run!r:.80} is not a run; give what start() returned, or one of kb.state().running"
+            )
         for entry in self.running:
             if entry.run.number == run.number:
                 return entry

@@ -172,7 +172,7 @@ class Handlers:
 
     def _add_inequality(self, item: Inequality, role: Role, t: int) -> Violations:
         try:
-            formula = condition_of(item.changed(is_negative=False), self._symbols.domain)
+            formula = self._inequality(item)
         except KbStoreError as error:
             return violations_of(error, item)
         violations = naming(condition_text(formula), condition_violations(self.resolver, formula, t))
@@ -197,6 +197,10 @@ class Handlers:
         # variables, too, are spelled as when the condition was first recorded
         self._change_set.put(state, (False, "", state.timeline.spelling), t)
         return _NONE
+
+    def _inequality(self, item: Inequality) -> Formula:
+        """The comparison that an inequality records, without its sign."""
+        return condition_of(item.changed(is_negative=False), self._symbols.domain)
 
     def _formula_state(self, formula: Formula, role: Role, kind: KnowledgeType) -> TimelineState:
         text = condition_text(formula)
@@ -291,7 +295,7 @@ class Handlers:
 
     def _remove_inequality(self, item: Inequality, role: Role, t: int) -> Violations:
         try:
-            formula = condition_of(item.changed(is_negative=False), self._symbols.domain)
+            formula = self._inequality(item)
             check(formula, self._symbols.domain)
         except KbStoreError as error:
             return violations_of(error, item)
@@ -316,6 +320,50 @@ class Handlers:
             value = self._change_set.value_at(state, t)
             if value is not None and matches(value):
                 self._change_set.take(state, t, EndCause.REMOVED)
+
+    # -- replacing --------------------------------------------------------------------------------------------
+
+    def assert_now(self, item: KnowledgeItem, t: int) -> Violations:
+        """Add an item of what the state is to be (rule C13)."""
+        if t > self._now:
+            return [f"{item} is for {isoformat(t)}; replace() makes the state of now, schedule it with add()"]
+        if isinstance(item, Expression):
+            return [f"{item} is a metric, which replace() leaves alone; set it with add_metric()"]
+        if isinstance(item, Function) and item.assign_op is not AssignOp.ASSIGN:
+            return [f"{item} changes a value relative to what it is; replace() takes values, as: (= {item.atom} 80)"]
+        return self.add(item, t)
+
+    def remove_others(self, items: Iterable[KnowledgeItem | Condition]) -> Violations:
+        """Remove the objects, facts, functions and inequalities that hold and are not among items (rule C13)."""
+        kept = set(map(self._identity, items))
+        position = LogPosition(self._now)
+        kinds = (KnowledgeType.INSTANCE, KnowledgeType.FACT, KnowledgeType.FUNCTION, KnowledgeType.INEQUALITY)
+        for kind in kinds:  # objects first: what mentions one that is missing ends with it
+            self._change_set.loaded(timeline for timeline, *_ in self._repository.state_at(kind, position))
+            for state in list(self._change_set.group(Role.STATE, kind).values()):
+                if state.value is None or state.timeline.identity in kept:
+                    continue
+                if kind is not KnowledgeType.INSTANCE:
+                    self._change_set.take(state, self._now, EndCause.REMOVED)
+                elif not state.value[0]:
+                    self._objects.end(state, self._now)
+        return _NONE
+
+    def _identity(self, item: KnowledgeItem | Condition) -> Identity | None:
+        """The timeline that an item is about; None where it is wrong, or says that an object does not exist."""
+        match item:
+            case Fact() | Function():
+                kind = item.knowledge_type
+                try:
+                    name, arguments = self._symbols.ordered(kind, item.attribute_name, item.arguments, item.labels)
+                except KbStoreError:
+                    return None
+                return Identity(Role.STATE, kind, atom_key((key(name), *map(key, arguments))))
+            case Instance(is_negative=False):
+                return Identity(Role.STATE, KnowledgeType.INSTANCE, key(item.instance_name))
+            case Inequality():
+                return Identity(Role.STATE, KnowledgeType.INEQUALITY, key(condition_text(self._inequality(item))))
+        return None
 
     # -- everything -------------------------------------------------------------------------------------------
 

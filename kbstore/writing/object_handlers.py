@@ -126,12 +126,16 @@ class ObjectHandlers:
             value = self._change_set.value_at(state, t)
             if value is None or bool(value[0]) != item.is_negative or not self._of_type(item, value[1]):
                 continue
-            before = self._change_set.lifespans(state)
-            self._change_set.take(state, t, EndCause.REMOVED)
-            violations = self._settled_object(state, before)
+            violations = self.end(state, t)
             if violations:
                 return violations
         return ()
+
+    def end(self, state: TimelineState, t: int) -> Violations:
+        """End the existence of an object now; at a later time, cancel what is scheduled for it."""
+        before = self._change_set.lifespans(state)
+        self._change_set.take(state, t, EndCause.REMOVED)
+        return self._settled_object(state, before)
 
     def _of_type(self, item: Instance, type_name: str) -> bool:
         domain = self._domain

@@ -2,8 +2,8 @@
 
 import json
 import os
-from collections.abc import Callable, Iterable, Sequence
-from contextlib import AbstractContextManager, ExitStack, nullcontext
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from types import TracebackType
 from typing import Self, TypeVar
 
@@ -14,7 +14,7 @@ from kbstore.messages import KnowledgeType, UpdateType
 from kbstore.messages.bulk import gc_paused
 from kbstore.model.domain import Domain
 from kbstore.model.results import Applicability, Run, Transaction
-from kbstore.model.symbols import InferredSignature, SymbolTable
+from kbstore.model.symbols import SymbolTable
 from kbstore.model.timelines import Identity, Role, Timeline
 from kbstore.pddl.domain_reader import read_domain
 from kbstore.pddl.problem_reader import read_problem
@@ -158,27 +158,34 @@ class OpenTransaction:
 
     def _apply(self, steps: Iterable[Step]) -> None:
         """Take steps one after another, or none of them; report all violations together (rule D1)."""
-        self._change_set.savepoint()
-        shapes = dict(self._symbols.shapes)
         violations: list[str] = []
         other: KbStoreError | None = None
-        for step in steps:
-            try:
-                violations += step()
-            except InvalidKnowledge as error:
-                violations += error.violations
-            except KbStoreError as error:
-                other = other or error
-        failure = InvalidKnowledge(*dict.fromkeys(violations)) if violations else other
-        if failure is not None:
-            self._roll_back(shapes)
-            raise failure
+        with self._atomic():
+            for step in steps:
+                try:
+                    violations += step()
+                except InvalidKnowledge as error:
+                    violations += error.violations
+                except KbStoreError as error:
+                    other = other or error
+            if violations:
+                raise InvalidKnowledge(*dict.fromkeys(violations))
+            if other is not None:
+                raise other
 
-    def _roll_back(self, shapes: dict[tuple[KnowledgeType, str], InferredSignature]) -> None:
-        """Take back what has been changed since the savepoint."""
-        self._change_set.roll_back()
-        self._symbols.shapes.clear()
-        self._symbols.shapes.update(shapes)
+    @contextmanager
+    def _atomic(self) -> Iterator[None]:
+        """On an error in the block, take back everything that was changed in it, what runs included (rule C1)."""
+        self._change_set.savepoint()
+        runs, shapes = self._executor.copy(), dict(self._symbols.shapes)
+        try:
+            yield
+        except KbStoreError:
+            self._change_set.roll_back()
+            self._executor.restore(runs)
+            self._symbols.shapes.clear()
+            self._symbols.shapes.update(shapes)
+            raise
 
     # -- updates ----------------------------------------------------------------------------------------------
 
@@ -240,6 +247,17 @@ class OpenTransaction:
         for role, items in batch.items.items():
             self._change_set.prefetch(role, items)
         self._apply(batch.steps)
+
+    def replace(self, *items: Knowledge) -> None:
+        """Make the state what the items assert, by the difference alone (rule C13)."""
+        handlers = self._open_handlers()
+        batch = Batch(self.now)
+        with gc_paused():
+            for item in items:
+                batch.read(Role.STATE, items_in, handlers.assert_now, item, self._symbols)
+            given = list(batch.items[Role.STATE])
+            batch.steps.insert(0, lambda: handlers.remove_others(given))
+            self._apply_batch(batch)
 
     def clear(self) -> None:
         """End everything that holds, cancel everything scheduled, abort what runs (rule C12)."""
@@ -329,14 +347,8 @@ class OpenTransaction:
     def _act(self, act: Callable[[], Result]) -> Result:
         """Do what an operator does, all of it or nothing."""
         self._open_handlers()
-        self._change_set.savepoint()
-        runs, shapes = self._executor.copy(), dict(self._symbols.shapes)
-        try:
+        with self._atomic():
             return act()
-        except KbStoreError:
-            self._executor.restore(runs)
-            self._roll_back(shapes)
-            raise
 
     # -- the state as the transaction has it ------------------------------------------------------------------
 

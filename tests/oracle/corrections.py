@@ -25,7 +25,8 @@ class Refused(Exception):
 class Update:
     """One update.
 
-    `what` is add, remove, add_goal, remove_goal, add_metric, remove_metric, clear, domain, start, end or abort.
+    `what` is add, remove, add_goal, remove_goal, add_metric, remove_metric, clear, domain, start, end, abort, or
+    replace, which has `items`.
     """
 
     what: str
@@ -33,6 +34,7 @@ class Update:
     at: int = 0
     since: int | None = None
     until: int | None = None
+    items: tuple[Item, ...] = ()
 
 
 class Corrections(Draft):

@@ -61,6 +61,8 @@ class Overlay(Corrections):
                 self.standing.clear()
                 self.pending.clear()
                 self.running = []
+            case "replace", None:
+                self._replace(update.items)
             case "domain", RefDomain() as domain:
                 self._load(domain)
             case "start", Start() as start:
@@ -97,6 +99,20 @@ class Overlay(Corrections):
                 return
             item = changed
         self._put(timeline(role, item), item, at)
+
+    def _replace(self, items: tuple[Item, ...]) -> None:
+        """What stands and is not among the items goes, objects first, and then the items are added (rule C13)."""
+        kept = {timeline("state", item) for item in items if not (isinstance(item, Object) and not item.positive)}
+        for kind in ("object", "fact", "function", "inequality"):
+            for line, (item, _) in list(self.standing.items()):
+                asserted = not isinstance(item, Object) or item.positive
+                if line[:2] == ("state", kind) and asserted and line not in kept and line in self.standing:
+                    self._put(line, None, self.now)
+        for item in items:
+            if isinstance(item, Metric) or (isinstance(item, Number) and item.operation != "assign"):
+                self.violations.append(f"{item} is not what a state asserts")
+            else:
+                self._add("state", item, self.now)
 
     def _changed_number(self, role: str, item: Number) -> Number | None:
         standing = self.standing.get(timeline(role, item))

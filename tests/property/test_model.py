@@ -112,6 +112,20 @@ class Agreement(RuleBasedStateMachine):
             [Update("clear"), *updates] if first else [updates[0], Update("clear"), *updates[1:]], "transaction"
         )
 
+    @rule(
+        tick=universe.ticks,
+        kept=st.sets(st.integers(0, 9)),
+        added=st.lists(universe.additions, max_size=3),
+        wrong=st.sampled_from([(), (), (), (universe.WRONG_IN_A_STATE,)]),
+    )
+    def replace_the_state(self, tick, kept, added, wrong):
+        self.clock.advance(tick)
+        world = self.reference.world()
+        world.advance(self._now())
+        standing = universe.state_items(world, self._now())
+        items = [item for place, item in enumerate(standing) if place in kept]
+        self._write([Update("replace", items=(*items, *added, *wrong))], "replace")
+
     @rule(tick=universe.ticks, domain=st.sampled_from(universe.DOMAINS))
     def load_a_domain(self, tick, domain):
         self.clock.advance(tick)
@@ -242,6 +256,8 @@ class Agreement(RuleBasedStateMachine):
         self._compare_state(self._now())
 
     def _perform(self, updates, how):
+        if how == "replace":
+            return self.kb.replace(*map(translation.sent, updates[0].items))
         items = [None if update.item is None else translation.sent(update.item) for update in updates]
         if how == "one":
             (update,) = updates

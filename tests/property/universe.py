@@ -132,6 +132,21 @@ wrong_steps = st.tuples(st.tuples(st.sampled_from(["add", "remove"]), mistakes),
 ROLES = {"state": ("add", "remove"), "goal": ("add_goal", "remove_goal")}
 
 
+WRONG_IN_A_STATE = Metric("minimize (cost)", (("cost", ()),))
+
+
+def state_items(world: World, now: int) -> list[object]:
+    """What stands now, but goals and the metric; objects first."""
+    items = []
+    for line, assertion in world.standing.items():
+        item = assertion.item
+        if isinstance(item, Number):
+            item = replace(item, value=world.value(item, assertion.start, now))
+        if line[0] == "state" and line[1] != "metric" and not (isinstance(item, Object) and not item.positive):
+            items.append(item)
+    return sorted(items, key=lambda item: not isinstance(item, Object))
+
+
 def update(step, world: World, now: int) -> Update:
     """The update that a step means in a world that has been advanced to now."""
     (what, which), delay = step

@@ -140,6 +140,7 @@ def test_writing_through_the_knowledge_base_inside_a_transaction_is_an_error(kb)
         lambda tx: tx.add("(open wp0)"),
         lambda tx: tx.remove("(open wp1)"),
         lambda tx: tx.update([]),
+        lambda tx: tx.replace(),
         lambda tx: tx.remove_metric(),
         lambda tx: tx.apply("relight"),
         lambda tx: tx.clear(),
@@ -148,7 +149,19 @@ def test_writing_through_the_knowledge_base_inside_a_transaction_is_an_error(kb)
         lambda tx: tx.abort(None),
         lambda tx: tx.state(),
     ],
-    ids=["add", "remove", "update", "remove_metric", "apply", "clear", "load", "set_sensed", "abort", "state"],
+    ids=[
+        "add",
+        "remove",
+        "update",
+        "replace",
+        "remove_metric",
+        "apply",
+        "clear",
+        "load",
+        "set_sensed",
+        "abort",
+        "state",
+    ],
 )
 def test_a_transaction_refuses_updates_outside_its_block(kb, act):
     """C1: before the block and after it, an update would be lost silently."""

@@ -287,6 +287,15 @@ def test_an_abort_has_no_at_end_effects(depot, clock):
     assert depot.state().running == []
 
 
+@pytest.mark.parametrize("wrong", ["goto", None, 1, ("goto", "kenny")])
+def test_what_is_not_a_run_cannot_end(depot, wrong):
+    """O3: a typed error says what to give."""
+    depot.start(*ROUTE)
+    for act in (depot.end, depot.abort):
+        with pytest.raises(kbstore.InvalidKnowledge, match=r"is not a run; give what start\(\) returned"):
+            act(wrong)
+
+
 def test_the_caller_gives_the_duration_where_the_domain_does_not_fix_it(depot):
     """O3: within the bounds of the domain."""
     run = depot.start("charge", "kenny", duration=seconds(20))
