@@ -447,6 +447,10 @@ class KnowledgeBase:
         """Write the domain as it was loaded; with `strict_names` as a `StrictPddl`, in the names of `to_pddl`."""
         return strict_domain(self.domain) if strict_names else write_domain(self.domain)
 
+    def constraints(self, at: TimeLike | None = None) -> list[str]:
+        """What problems said that no item can carry, in PDDL: `State.constraints` (rule P4)."""
+        return self.state(at).constraints
+
     def to_problem(self, at: TimeLike | None = None, as_of: AsOf | None = None) -> Any:
         """The planning problem as of any moment, as a `unified_planning` Problem (extra `planning`)."""
         from kbstore.interop.unified_planning import to_problem

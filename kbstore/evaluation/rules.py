@@ -98,8 +98,9 @@ def program(domain: Domain) -> Program:
 
     Raises `InvalidKnowledge` or `UnknownSymbol` for rules that are not well-formed or not stratified.
     """
-    for rules in domain.rules.values():
-        for rule in rules:
+    for name, rules in domain.rules.items():
+        # what cannot be computed is never asked for
+        for rule in rules if name not in domain.uncomputed else ():
             check(rule.condition, domain, {p.name: p.name for p in rule.head.parameters})
     order = strata(domain)
     compiled = {

@@ -25,6 +25,7 @@ from kbstore.model.formulas import (
     Same,
     Truism,
     children,
+    object_terms,
 )
 from kbstore.model.symbols import arity_problem
 from kbstore.names import key
@@ -56,16 +57,19 @@ def check(
             raise InvalidKnowledge(f"the condition is nested deeper than {MAX_DEPTH} levels; split it")
         match node:
             case Atom():
+                _check_computed(node, domain)
                 _check_arity(node, domain.predicate_signature(node.name) if domain else None)
             case Exists(parameters) | Forall(parameters):
                 known = {**known, **_declared(parameters, domain)}
             case Same(left, right):
+                _check_computed(Atom("=", (left, right)), domain)
                 _check_object(left, known)
                 _check_object(right, known)
             case Comparison():
                 check_expression(node.left, domain, known, duration=duration)
                 check_expression(node.right, domain, known, duration=duration)
             case Defined(function):
+                _check_computed(function, domain)
                 _check_arity(function, domain.function_signature(function.name) if domain else None)
             case IsA(_, type_name):
                 _check_types((type_name,) if type_name else (), domain)
@@ -74,6 +78,15 @@ def check(
             case _:
                 raise InvalidKnowledge(f"{node!r:.80} is not a condition")
         todo.extend((part, known, depth + 1) for part in reversed(children(node)))
+
+
+def _check_computed(atom: Atom, domain: Domain | None) -> None:
+    """Refuse what is kept, but not computed: object fluents, and after now what processes and events change."""
+    if domain is not None and domain.uncomputed:
+        named = (atom.name, *(name for argument in atom.arguments for name in object_terms(argument)))
+        reason = next(filter(None, (domain.uncomputed.get(key(name)) for name in named)), None)
+        if reason:
+            raise InvalidKnowledge(f"{atom!s:.200} cannot be answered: {reason}")
 
 
 def _check_arity(atom: Atom, signature: Signature | None) -> None:
@@ -119,6 +132,7 @@ def check_expression(
 
     def check_token(token: Token) -> None:
         if isinstance(token, Atom):
+            _check_computed(token, domain)
             _check_arity(token, domain.function_signature(token.name) if domain else None)
             ground(token, known)
         elif isinstance(token, SpecialType):

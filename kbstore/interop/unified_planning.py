@@ -32,7 +32,7 @@ from kbstore.model.domain import Domain
 from kbstore.model.expressions import atoms_of
 from kbstore.model.formulas import Atom
 from kbstore.names import key
-from kbstore.pddl.parse import condition_of, parse_condition
+from kbstore.pddl.parse import condition_of, is_initial, parse_condition
 from kbstore.pddl.printer import condition_text
 
 if TYPE_CHECKING:
@@ -87,7 +87,7 @@ class _Translation:
         self._goals = [_goal_condition(goal, domain) for goal in state.goals]
         self._constraints: dict[str, TrajectoryConstraint] = {}
         for text in state.constraints:
-            with self._refusals.of("the constraints"):
+            with self._refusals.of("the initial state" if is_initial(text) else "the constraints"):
                 self._constraints[text] = read_constraint(text, domain)
         self._symbols = SymbolTranslator(domain, self._objects, self._types_in_use(), environment)
         self._formulas = FormulaTranslator(self._symbols)
@@ -149,6 +149,12 @@ class _Translation:
         for signature in domain.function_signatures.values():
             with self._refusals.of(f"the function {signature}"):
                 problem.add_fluent(self._symbols.function(signature.name))
+        for name, fluent in domain.object_fluents.items():
+            with self._refusals.of(f"the function {fluent.signature}"):
+                raise InvalidKnowledge(domain.uncomputed[name])
+        for event in domain.events:
+            with self._refusals.of(f"the {event.kind} {event.name}"):
+                raise InvalidKnowledge("it is kept and written back as PDDL, but not computed")
         for name in self._objects:
             with self._refusals.of(f"the object {name}"):
                 problem.add_object(self._symbols.object(name))
@@ -160,6 +166,8 @@ class _Translation:
         actions = ActionTranslator(self._formulas, changing)
         for action in self._domain.actions.values():
             with self._refusals.of(f"the operator {action.name}"):
+                if action.observe is not None:
+                    raise InvalidKnowledge("what it is to observe is kept and written back as PDDL, but not computed")
                 self._problem.add_action(actions.action(action))
 
     # -- the state --------------------------------------------------------------------------------------------

@@ -1,10 +1,11 @@
 """The actions of a domain: instantaneous and durative, with all that PDDL has for them."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 from kbstore.messages.enums import ComparisonType
 from kbstore.model.expressions import NumericExpression
-from kbstore.model.formulas import Effect, Formula, Parameter, Timing
+from kbstore.model.formulas import Comparison, Effect, Formula, Parameter, Timing, symbols_in
 
 
 @dataclass(frozen=True)
@@ -21,7 +22,8 @@ class Action:
     """An operator with all of its conditions and effects.
 
     An instantaneous action has its precondition and effects at `Timing.AT_START`. A continuous effect belongs to
-    the whole of a durative action, and stands in `effects` with `Timing.OVER_ALL`.
+    the whole of a durative action, and stands in `effects` with `Timing.OVER_ALL`. What a sensing action is to
+    `observe` is kept, not computed (rule P4).
     """
 
     name: str
@@ -30,6 +32,14 @@ class Action:
     duration: tuple[DurationConstraint, ...] = ()
     conditions: tuple[tuple[Timing, Formula], ...] = ()
     effects: tuple[tuple[Timing, Effect], ...] = ()
+    observe: Formula | None = None
+
+    @cached_property
+    def symbols(self) -> frozenset[str]:
+        """The keys of the predicates, functions and object fluents that its conditions and effects name."""
+        bounds = (Comparison(c.comparison, c.bound, c.bound) for c in self.duration)
+        parts = (part for _, part in (*self.conditions, *self.effects))
+        return frozenset().union(*map(symbols_in, (*parts, *bounds)))
 
     def conditions_at(self, timing: Timing) -> tuple[Formula, ...]:
         """Return the conditions that must hold at a part of the action."""

@@ -5,9 +5,9 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Self, TypeVar
 
-from kbstore.errors import UnknownSymbol
+from kbstore.errors import InvalidKnowledge, UnknownSymbol
 from kbstore.model.actions import Action
-from kbstore.model.formulas import Formula, Parameter
+from kbstore.model.formulas import Formula, Parameter, symbols_in
 from kbstore.names import NameMapping, key
 
 _Symbol = TypeVar("_Symbol")
@@ -41,6 +41,26 @@ class DerivedRule:
     condition: Formula
 
 
+@dataclass(frozen=True)
+class ObjectFluent:
+    """A function whose value is an object of one of some types (PDDL 3.1): kept, not computed (rule P4)."""
+
+    signature: Signature
+    types: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Event:
+    """A process or an event (PDDL+): kept, not computed (rule P4).
+
+    `changes` are the keys of the predicates and functions in its effects.
+    """
+
+    kind: str
+    name: str
+    changes: frozenset[str]
+
+
 @dataclass(frozen=True, eq=False)
 class Domain:
     """What a PDDL domain declares. Mappings are read-only, and keyed by `kbstore.names.key` unless said otherwise.
@@ -56,9 +76,12 @@ class Domain:
     function_signatures: Mapping[str, Signature] = field(default_factory=dict)
     actions: Mapping[str, Action] = field(default_factory=dict)
     rules: Mapping[str, tuple[DerivedRule, ...]] = field(default_factory=dict)
+    object_fluents: Mapping[str, ObjectFluent] = field(default_factory=dict)
+    events: tuple[Event, ...] = ()
     requirements: tuple[str, ...] = ()
     sensed: frozenset[str] = frozenset()
     source: str = ""
+    is_forecast: bool = False
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "types", NameMapping(self.types))
@@ -67,11 +90,13 @@ class Domain:
     # -- what is declared -------------------------------------------------------------------------------------
 
     def predicate_signature(self, name: str) -> Signature:
-        """The predicate's signature. Raises `UnknownSymbol`."""
+        """The predicate's signature. Raises `UnknownSymbol`, and `InvalidKnowledge` for an object fluent."""
+        self._refuse_object_fluent(name)
         return _find(self.predicate_signatures, name, "predicate", self.name)
 
     def function_signature(self, name: str) -> Signature:
-        """The numeric function's signature. Raises `UnknownSymbol`."""
+        """The numeric function's signature. Raises `UnknownSymbol`, and `InvalidKnowledge` for an object fluent."""
+        self._refuse_object_fluent(name)
         return _find(self.function_signatures, name, "function", self.name)
 
     def symbol(self, name: str) -> Signature:
@@ -101,6 +126,51 @@ class Domain:
     def marked(self, names: Iterable[str]) -> Self:
         """The domain with exactly these predicates, by their keys, marked as sensed."""
         return replace(self, sensed=frozenset(names))
+
+    # -- what is kept, and not computed (rule P4) -------------------------------------------------------------
+
+    @cached_property
+    def forecast(self) -> Self:
+        """The domain for questions about times after now, of which processes and events may change the answer."""
+        return replace(self, is_forecast=True) if self.events and not self.is_forecast else self
+
+    @cached_property
+    def uncomputed(self) -> Mapping[str, str]:
+        """Why questions that read a predicate or function, by its key, cannot be answered; mostly empty."""
+        reasons = {
+            name: f"{fluent.signature.name} is an object fluent, which is kept and written back, but not computed"
+            for name, fluent in self.object_fluents.items()
+        }
+        for event in self.events if self.is_forecast else ():
+            for name in event.changes:
+                reasons.setdefault(
+                    name,
+                    f"after now, {self._spelling(name)} may be changed by the {event.kind} {event.name}, which is kept "
+                    "and written back, but not computed; ask about now",
+                )
+        if reasons:
+            reads = {
+                name: set[str]().union(*(symbols_in(rule.condition) for rule in rules))
+                for name, rules in self.rules.items()
+            }
+            while True:
+                new = {
+                    name: f"{self._spelling(name)} is derived from what is not computed: {reasons[min(found)]}"
+                    for name, read in reads.items()
+                    if name not in reasons and (found := read & reasons.keys())
+                }
+                if not new:
+                    break
+                reasons |= new
+        return reasons
+
+    def _refuse_object_fluent(self, name: str) -> None:
+        if self.object_fluents and key(name) in self.object_fluents:
+            raise InvalidKnowledge(self.uncomputed[key(name)])
+
+    def _spelling(self, name: str) -> str:
+        found = self.predicate_signatures.get(name) or self.function_signatures.get(name)
+        return found.name if found else name
 
     # -- types ------------------------------------------------------------------------------------------------
 

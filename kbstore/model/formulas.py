@@ -4,13 +4,14 @@ Names stand here as they were written; whoever compares them does so by `kbstore
 with ``?`` are variables; a bare ``?`` (or a free variable in a question) matches any object (rule V7).
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from typing import NamedTuple, assert_never, overload
 
 from kbstore.messages.enums import AssignOp, ComparisonType
-from kbstore.model.expressions import Atom, NumericExpression
+from kbstore.model.expressions import Atom, NumericExpression, atoms_of
 from kbstore.names import key
 
 __all__ = [
@@ -211,7 +212,15 @@ class ForEach:
     effects: tuple["Effect", ...]
 
 
-Effect = Add | Delete | NumericEffect | When | WhenAtStart | ForEach
+@dataclass(frozen=True, slots=True)
+class AssignObject:
+    """The effect that an object fluent takes another value; kept, not computed (rule P4)."""
+
+    function: Atom
+    value: str
+
+
+Effect = Add | Delete | NumericEffect | AssignObject | When | WhenAtStart | ForEach
 
 
 @overload
@@ -231,7 +240,18 @@ def children(node: Formula | Effect) -> tuple[Formula | Effect, ...]:
             return (condition, *effects)
         case ForEach(_, effects):
             return effects
-        case Atom() | Truism() | Same() | Comparison() | Defined() | IsA() | Add() | Delete() | NumericEffect():
+        case (
+            Atom()
+            | Truism()
+            | Same()
+            | Comparison()
+            | Defined()
+            | IsA()
+            | Add()
+            | Delete()
+            | NumericEffect()
+            | AssignObject()
+        ):
             return ()
         case _:
             assert_never(node)
@@ -255,6 +275,81 @@ def map_children(node: Formula, f: Callable[[Formula], Formula]) -> Formula:
         case _:
             assert_never(node)
 
+
+def object_terms(argument: str) -> list[str]:
+    """Return the object fluents in an argument, as in ``(location ?r)``; any other argument is a plain name.
+
+    Such an argument is kept as text, as object fluents are not computed (rule P4).
+    """
+    return _TERM.findall(argument) if argument[:1] == "(" else []
+
+
+def names_in(argument: str) -> list[str]:
+    """Return the names of objects and variables in an argument: itself, or the arguments of an object fluent's term."""
+    return _TERM_ARGUMENT.findall(argument) if argument[:1] == "(" else [argument]
+
+
+def terms_in(condition: Formula) -> Iterator[str]:
+    """Yield the arguments in a condition, which are names of objects, variables, and terms of object fluents."""
+    for node, _, _ in walk(condition, {}):
+        match node:
+            case Atom(_, arguments) | Defined(Atom(_, arguments)):
+                yield from arguments
+            case Comparison(_, left, right):
+                for atom in atoms_of((*left, *right)):
+                    yield from atom.arguments
+            case Same(left_term, right_term):
+                yield from (left_term, right_term)
+            case IsA(name):
+                yield name
+
+
+def symbols_in(node: Formula | Effect) -> set[str]:
+    """Return the keys of the predicates, functions and object fluents in a condition or an effect."""
+    found: set[str] = set()
+    todo: list[Formula | Effect] = [node]
+    while todo:
+        node = todo.pop()
+        todo.extend(children(node))
+        atoms: tuple[Atom, ...] = ()
+        arguments: tuple[str, ...] = ()
+        match node:
+            case Atom():
+                atoms = (node,)
+            case Defined(atom) | Add(atom) | Delete(atom):
+                atoms = (atom,)
+            case Comparison(_, left, right):
+                atoms = (*atoms_of(left), *atoms_of(right))
+            case NumericEffect(_, function, value):
+                atoms = (function, *atoms_of(value))
+            case AssignObject(function, term):
+                atoms, arguments = (function,), (term,)
+            case Same(left_term, right_term):
+                arguments = (left_term, right_term)
+        found.update(key(atom.name) for atom in atoms)
+        for argument in (*arguments, *(argument for atom in atoms for argument in atom.arguments)):
+            found.update(map(key, object_terms(argument)))
+    return found
+
+
+def changed_by(effects: Iterable[Effect]) -> set[str]:
+    """Return the keys of the predicates, functions and object fluents that effects change."""
+    found: set[str] = set()
+    todo: list[Formula | Effect] = list(effects)
+    while todo:
+        node = todo.pop()
+        match node:
+            case Add(atom) | Delete(atom):
+                found.add(key(atom.name))
+            case NumericEffect(_, function) | AssignObject(function):
+                found.add(key(function.name))
+            case When() | WhenAtStart() | ForEach():
+                todo.extend(node.effects)
+    return found
+
+
+_TERM_ARGUMENT = re.compile(r"(?<=\s)[^\s()]+")
+_TERM = re.compile(r"\(([^\s()]+)")
 
 Types = tuple[str, ...]
 """The types that a variable may be of, as keys: one, or those of an ``either``."""

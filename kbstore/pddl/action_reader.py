@@ -5,7 +5,8 @@ from dataclasses import dataclass
 
 from kbstore.messages import ComparisonType, SpecialType
 from kbstore.model.actions import Action, DurationConstraint
-from kbstore.model.formulas import Parameter, Timing
+from kbstore.model.domain import Event
+from kbstore.model.formulas import Parameter, Timing, changed_by
 from kbstore.names import key
 from kbstore.pddl.conditions import COMPARISONS, ConditionReader, conjuncts
 from kbstore.pddl.definition import check_name, unknown_keyword
@@ -16,7 +17,8 @@ from kbstore.pddl.sexpr import Group, node_text
 from kbstore.pddl.timed_formulas import TimedReader
 from kbstore.pddl.typed_lists import bound, read_parameters
 
-_FIELDS = (":parameters", ":vars", ":precondition", ":effect")
+_FIELDS = (":parameters", ":vars", ":precondition", ":effect", ":observe")
+_EVENT_FIELDS = (":parameters", ":precondition", ":effect")
 _DURATIVE_FIELDS = (":parameters", ":duration", ":condition", ":effect")
 _FLIPPED = {
     ComparisonType.GREATER: ComparisonType.LESS,
@@ -50,7 +52,20 @@ class ActionReader:
             effects=tuple(
                 (Timing.AT_START, effect) for effect in effects.read(fields.get(":effect", _EMPTY), variables)
             ),
+            observe=conditions.read(fields[":observe"], variables) if ":observe" in fields else None,
         )
+
+    def read_event(self, group: Group) -> Event:
+        """The process or event of PDDL+ that a ``(:process ...)`` or ``(:event ...)`` section declares."""
+        kind = group.word(0)[1:]
+        name = check_name(self.context, kind, group, 1)
+        fields = self._fields(group, _EVENT_FIELDS)
+        _, variables = self._parameters(fields)
+        specials = frozenset((SpecialType.HASHT,)) if kind == "process" else frozenset[SpecialType]()
+        conditions = ConditionReader(self.context, frozenset())
+        conditions.read(fields.get(":precondition", _EMPTY), variables)
+        effects = EffectReader(self.context, conditions, specials).read(fields.get(":effect", _EMPTY), variables)
+        return Event(kind, name, frozenset(changed_by(effects)))
 
     def _durative(self, group: Group) -> Action:
         name = check_name(self.context, "action", group, 1)

@@ -47,6 +47,9 @@ TRAJECTORY = frozenset(
 )
 """The words for constraints on a plan's course."""
 
+UNCERTAIN = ("oneof", "or", "unknown")
+"""The words of an initial state for what is known of atoms that are unknown, in problems for contingent planners."""
+
 _WORDS = frozenset(("and", "or", "not", "imply", "forall", "exists", "preference", *COMPARISONS, *TRAJECTORY))
 
 
@@ -194,6 +197,8 @@ class ConditionReader:
     def _equals(self, group: Group, variables: Variables) -> Formula:
         """``(= a b)``: of objects, if both sides are words that are neither numbers nor functions."""
         self._two_operands(group)
+        if self._is_of_object_fluents(group):
+            return self._same(group, variables)
         sides = [node for node in group[1:] if isinstance(node, str)]
         is_numeric = any(
             side.lower() in ("#t", "?duration", "total-time")
@@ -204,10 +209,27 @@ class ConditionReader:
         names_variable = any(is_wildcard(side) and side.lower() != "?duration" for side in sides)
         if len(sides) < 2 or (is_numeric and not names_variable):
             return self._comparison(group, variables)
-        for index, side in enumerate(sides, 1):
-            problem = self.context.misfit(side, variables)
-            if self.context.patterns and is_wildcard(side) and side[1:].lower() not in variables:
-                problem = f"{side} matches nothing in a comparison; say (exists (?x - some-type) ...)"
+        return self._same(group, variables)
+
+    def _is_of_object_fluents(self, group: Group) -> bool:
+        """Whether ``(= (location ?r) wp0)`` compares objects: such a term with a name, or with another one."""
+        terms = [self.context.is_object_term(side) for side in group[1:]]
+        if self.context.domain is not None:
+            return any(terms)
+        return any(terms) and any(isinstance(side, str) and not is_number(side) for side in group[1:])
+
+    def _same(self, group: Group, variables: Variables) -> Formula:
+        sides: list[str] = []
+        for index, node in enumerate(group[1:], 1):
+            if isinstance(node, Group):
+                if not self.context.is_object_term(node):
+                    raise self.context.error(f"an object is expected here, not {node_text(node, 60)}", group, index)
+                sides.append(self.context.object_term(node, variables))
+                continue
+            sides.append(node)
+            problem = self.context.misfit(node, variables)
+            if self.context.patterns and is_wildcard(node) and node[1:].lower() not in variables:
+                problem = f"{node} matches nothing in a comparison; say (exists (?x - some-type) ...)"
             if problem:
                 self.context.complain(InvalidKnowledge, f"{node_text(group)}: {problem}", group, index)
         return Same(sides[0], sides[1])

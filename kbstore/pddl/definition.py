@@ -9,12 +9,9 @@ from kbstore.pddl.scope import Scope
 from kbstore.pddl.sexpr import Group, node_text
 
 _ELSEWHERE = {
-    ":process": "is PDDL+; processes cannot be read",
-    ":event": "is PDDL+; events cannot be read",
     ":axiom": "is PDDL 1.2; write a (:derived ...) rule",
     ":timeless": "is PDDL 1.2; write the facts into (:init ...)",
     ":extends": "is PDDL 1.2; write the whole domain into one file",
-    ":observe": "is for contingent planning, and cannot be read",
 }
 
 

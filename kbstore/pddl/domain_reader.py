@@ -7,7 +7,7 @@ from dataclasses import replace
 from kbstore.conversion import MessageDomain
 from kbstore.errors import InvalidKnowledge
 from kbstore.model.actions import Action
-from kbstore.model.domain import ROOT_TYPE, DerivedRule, Domain, Signature, type_keys
+from kbstore.model.domain import ROOT_TYPE, DerivedRule, Domain, Event, ObjectFluent, Signature, type_keys
 from kbstore.model.formulas import Parameter
 from kbstore.model.stratification import strata
 from kbstore.names import key
@@ -29,8 +29,10 @@ _SECTIONS = (
     ":derived",
     ":action",
     ":durative-action",
+    ":process",
+    ":event",
 )
-_REPEATED = (":derived", ":action", ":durative-action")
+_REPEATED = (":derived", ":action", ":durative-action", ":process", ":event")
 
 
 def read_domain(source: str | os.PathLike[str]) -> MessageDomain:
@@ -51,15 +53,22 @@ def read_domain(source: str | os.PathLike[str]) -> MessageDomain:
     context = replace(context, domain=domain)
     domain = replace(domain, constants=_constants(context, definition))
     context = replace(context, domain=domain, objects=domain.constant_types)
+    functions, object_fluents = _functions(context, definition)
     domain = replace(
         domain,
         predicate_signatures=_predicates(context, definition),
-        function_signatures=_functions(context, definition),
+        function_signatures=functions,
+        object_fluents=object_fluents,
     )
     derived = list(definition.all(":derived"))
     # no action may change what rules derive, so which predicates these are is known before the actions are read
     context = replace(context, domain=replace(domain, rules={_derived_name(section): () for section in derived}))
-    domain = replace(domain, rules=_rules(context, derived), actions=_actions(context, definition))
+    domain = replace(
+        domain,
+        rules=_rules(context, derived),
+        actions=_actions(context, definition),
+        events=_events(context, definition),
+    )
     for section in definition.all(":constraints"):
         ConstraintReader(context, ConditionReader(context)).read(section)
     _check_stratification(context, domain, derived)
@@ -202,34 +211,55 @@ def _predicates(context: Scope, definition: Definition) -> dict[str, Signature]:
     return signatures
 
 
-def _functions(context: Scope, definition: Definition) -> dict[str, Signature]:
-    """The numeric functions; those whose value is an object are refused."""
+def _functions(context: Scope, definition: Definition) -> tuple[dict[str, Signature], dict[str, ObjectFluent]]:
+    """The numeric functions, and those whose value is an object, which ``- type`` after them says."""
     section = definition.one(":functions") or Group()
     signatures: dict[str, Signature] = {}
+    types: dict[str, tuple[str, ...]] = {}
+    pending: list[Group] = []
+
+    def declare(value: tuple[str, ...]) -> None:
+        for group in pending:
+            signature = _declare(context, "function", group, signatures)
+            if types.setdefault(key(signature.name), value) != value:
+                raise context.error(
+                    f"the function {signature.name} is declared for the second time, with other values", group, 0
+                )
+        pending.clear()
+
     index = 1
     while index < len(section):
         node = section[index]
         if isinstance(node, Group):
-            _declare(context, "function", node, signatures)
+            pending.append(node)
         elif node[0] == "-" and index > 1:
-            if node == "-":
-                index += 1
-            value = section.word(index).lstrip("-")
-            if value != "number":
-                shown = node_text(section[index], 60) if index < len(section) else "nothing"
-                raise context.error(
-                    f"the value of a function is a number here, not {shown}; functions whose value is an object "
-                    "(object fluents) cannot be read: say it with a predicate",
-                    section,
-                    index,
-                )
+            index += node == "-"
+            declare(_value_types(context, section, index))
         else:
             raise context.error(f"a function stands in brackets, like ({node} ?x - type)", section, index)
         index += 1
-    return signatures
+    declare(())
+    numeric = {name: signature for name, signature in signatures.items() if not types[name]}
+    fluents = {name: ObjectFluent(signatures[name], value) for name, value in types.items() if value}
+    return numeric, fluents
 
 
-def _declare(context: Scope, what: str, group: Group, signatures: dict[str, Signature]) -> None:
+def _value_types(context: Scope, section: Group, index: int) -> tuple[str, ...]:
+    """The types of a function's value, none of a number."""
+    node = section[index] if index < len(section) else ""
+    if isinstance(node, Group):
+        types = context.words(node, 1) if node.word(0) == "either" else ()
+    else:
+        types = (node.lstrip("-"),)
+    if not types or not types[0]:
+        shown = node_text(node, 60) or "nothing"
+        raise context.error(f"the value of a function is a number or of a type, not {shown}", section, index)
+    if key(types[0]) == "number" and not context.knows_type("number"):
+        return ()
+    return tuple(context.type_name(type_name, section, index) for type_name in types)
+
+
+def _declare(context: Scope, what: str, group: Group, signatures: dict[str, Signature]) -> Signature:
     name = check_name(context, what, group, 0)
     parameters = read_parameters(context, group, 1, positional=True)
     for parameter in parameters:
@@ -239,6 +269,7 @@ def _declare(context: Scope, what: str, group: Group, signatures: dict[str, Sign
         raise context.error(
             f"the {what} {name} is declared for the second time, and differently: before it is {known}", group, 0
         )
+    return known
 
 
 def _derived_name(section: Group) -> str:
@@ -278,6 +309,21 @@ def _actions(context: Scope, definition: Definition) -> dict[str, Action]:
                     f"the action {action.name} is declared for the second time, and differently", section, 1
                 )
     return actions
+
+
+def _events(context: Scope, definition: Definition) -> tuple[Event, ...]:
+    """The processes and events of PDDL+, which are kept, and not computed (rule P4)."""
+    reader = ActionReader(context)
+    events: dict[tuple[str, str], tuple[Event, Group]] = {}
+    for section in definition.sections:
+        if section.word(0) in (":process", ":event"):
+            event = reader.read_event(section)
+            _, known = events.setdefault((event.kind, key(event.name)), (event, section))
+            if known != section:
+                raise context.error(
+                    f"the {event.kind} {event.name} is declared for the second time, and differently", section, 1
+                )
+    return tuple(event for event, _ in events.values())
 
 
 def _check_stratification(context: Scope, domain: Domain, sections: list[Group]) -> None:

@@ -6,7 +6,18 @@ from dataclasses import dataclass
 from kbstore.errors import InvalidKnowledge
 from kbstore.messages import AssignOp, Operator, SpecialType
 from kbstore.model.expressions import NumericExpression
-from kbstore.model.formulas import Add, Atom, Delete, Effect, ForEach, NumericEffect, When
+from kbstore.model.formulas import (
+    Add,
+    AssignObject,
+    Atom,
+    Delete,
+    Effect,
+    ForEach,
+    NumericEffect,
+    Parameter,
+    When,
+)
+from kbstore.names import key
 from kbstore.pddl.conditions import MAX_DEPTH, ConditionReader
 from kbstore.pddl.expressions import read_expression, read_function
 from kbstore.pddl.scope import Scope, Variables
@@ -91,13 +102,33 @@ class EffectReader:
             raise self.context.error(f"effects nested deeper than {MAX_DEPTH} levels cannot be read", group)
 
     def _is_atom(self, group: Group) -> bool:
-        """Whether a group consists of words only, and does not begin with a keyword that names no predicate."""
+        """Whether a group consists of names and terms, and does not begin with a keyword that names no predicate."""
         word = group.word(0)
-        return all(isinstance(node, str) for node in group) and (word not in _WORDS or self.conditions.is_atom(group))
+        is_flat = all(isinstance(node, str) or self.context.is_object_term(node) for node in group)
+        return is_flat and (word not in _WORDS or self.conditions.is_atom(group))
 
-    def _change(self, group: Group, variables: Variables) -> NumericEffect:
+    def _change(self, group: Group, variables: Variables) -> NumericEffect | AssignObject:
+        if group.word(0) == "assign" and len(group) == 3 and self.context.is_object_term(group[1]):
+            return self.object_assignment(group, variables)
         function, value = self._target_and_value(group, variables, self.specials)
         return NumericEffect(ASSIGNMENTS[group.word(0)], function, value)
+
+    def object_assignment(self, group: Group, variables: Variables) -> AssignObject:
+        """``(assign (location ?r) ?to)``, which is kept, not computed (rule P4); in an initial state with ``=``."""
+        context, term, value = self.context, group[1], group[2]
+        assert isinstance(term, Group)
+        name = context.name(term, 0, "function")
+        fluent = context.domain.object_fluents[key(name)] if context.domain else None
+        function = context.atom(term, fluent.signature if fluent else None, variables, asserted=True)
+        if isinstance(value, Group):
+            if not context.is_object_term(value):
+                raise context.error(f"an object is expected here, not {node_text(value, 60)}", group, 2)
+            return AssignObject(function, context.object_term(value, variables))
+        wanted = Parameter(name, fluent.types) if fluent else None
+        problem = None if key(value) == "undefined" else context.misfit(value, variables, wanted, asserted=True)
+        if problem:
+            context.complain(InvalidKnowledge, f"{node_text(group, 80)}: {problem}", group, 2)
+        return AssignObject(function, value)
 
     def _target_and_value(
         self, group: Group, variables: Variables, specials: frozenset[SpecialType]

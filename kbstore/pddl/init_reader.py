@@ -10,12 +10,15 @@ from kbstore.clock import seconds
 from kbstore.errors import InvalidKnowledge, InvalidTime
 from kbstore.messages import AssignOp, Fact, Function, KeyValue, KnowledgeType
 from kbstore.model.domain import Signature
-from kbstore.names import is_wildcard
-from kbstore.pddl.effects import ASSIGNMENTS, function_group
+from kbstore.names import is_wildcard, key
+from kbstore.pddl.conditions import UNCERTAIN, ConditionReader
+from kbstore.pddl.effects import ASSIGNMENTS, EffectReader, function_group
 from kbstore.pddl.expressions import NUMBER, number_at
 from kbstore.pddl.item_reader import labelled
 from kbstore.pddl.scope import NO_VARIABLES, Scope
 from kbstore.pddl.sexpr import Group, node_text
+
+_TAKES = {"oneof": "conditions", "or": "conditions", "unknown": "one fact"}
 
 Entry = Fact | Function
 Values = tuple[KeyValue, ...]
@@ -47,13 +50,20 @@ class Fitting:
 
 @dataclass
 class InitReader:
-    """Reads an ``(:init ...)`` section into `entries` and `timed` (with times in nanoseconds), with their offsets."""
+    """Reads an ``(:init ...)`` section into `entries` and `timed` (with times in nanoseconds), with their offsets.
+
+    What is kept as text is in `object_values`, by the term whose value it is, and in `uncertain`: what is known of
+    atoms of which it is not known whether they are true (rule P4).
+    """
 
     context: Scope
     entries: list[Entry] = field(default_factory=list)
     offsets: list[int] = field(default_factory=list)
     timed: list[tuple[int, Entry]] = field(default_factory=list)
     timed_offsets: list[int] = field(default_factory=list)
+    object_values: dict[str, str] = field(default_factory=dict)
+    uncertain: list[str] = field(default_factory=list)
+    uncertain_offsets: list[int] = field(default_factory=list)
     _facts: Fitting = field(default_factory=Fitting)
     _functions: Fitting = field(default_factory=Fitting)
     _values: dict[str, float] = field(default_factory=dict)
@@ -71,10 +81,36 @@ class InitReader:
                 self.timed.append((self._time(group), self._entry(group[2], timed=True)))
                 self.timed_offsets.append(group.start)
                 continue
+            elif self._is_kept(group):
+                continue
             else:
                 self.entries.append(self._entry(group))
             self.offsets.append(group.start)
         self._check_contradictions()
+
+    def _is_kept(self, group: Group) -> bool:
+        """Read what is kept as text; False for anything else."""
+        context, word = self.context, group.word(0)
+        if word == "=" and len(group) == 3 and context.is_object_term(group[1]):
+            read = EffectReader(context, ConditionReader(context, frozenset()), frozenset()).object_assignment
+            assigned = read(group, NO_VARIABLES)
+            name = key(str(assigned.function))
+            text = f"(= {assigned.function} {assigned.value})"
+            if self.object_values.setdefault(name, text) != text:
+                context.complain(InvalidKnowledge, f"{text}: the function has another value before", group)
+            return True
+        if word in UNCERTAIN and not (context.is_predicate(word) and _all_words(group)):
+            if len(group) < 2 or (word == "unknown" and len(group) != 2):
+                raise context.error(f"({word} ...) takes {_TAKES[word]}, not {node_text(group, 60)}", group)
+            for index in range(1, len(group)):
+                part = group[index]
+                if not isinstance(part, Group):
+                    raise context.error(f"({word} ...) takes {_TAKES[word]}, not {part}", group, index)
+                ConditionReader(context, frozenset()).read(part)
+            self.uncertain.append(node_text(group))
+            self.uncertain_offsets.append(group.start)
+            return True
+        return False
 
     def _time(self, group: Group) -> int:
         """The time of a timed literal, in nanoseconds."""
@@ -124,6 +160,12 @@ class InitReader:
         context = self.context
         if len(group) != 3:
             raise context.error(f"the value of a function is (= (f a) 3), not {node_text(group, 60)}", group)
+        if timed and context.is_object_term(group[1]):
+            raise context.error(
+                f"{node_text(group[1], 60)} is an object fluent, which is kept, but not computed, and not at a later "
+                "time: say it with a predicate",
+                group,
+            )
         value = number_at(context, group, 2)
         if value is None:
             raise context.error(f"the value of a function is a number here, not {node_text(group[2], 60)}", group, 2)

@@ -1,14 +1,18 @@
 """The text forms of knowledge and questions: from text to items and formulas, and between items and formulas."""
 
+from functools import lru_cache
+
 from kbstore.conversion import from_composite
 from kbstore.errors import InvalidKnowledge
 from kbstore.messages import ComparisonType, Fact, Function, Goal, Inequality, Instance, KnowledgeItem
 from kbstore.messages import Condition as ConditionMessage
 from kbstore.model.domain import Domain
 from kbstore.model.expressions import NumericExpression
-from kbstore.model.formulas import Atom, Comparison, Defined, Formula, IsA, Not, walk
+from kbstore.model.formulas import Atom, Comparison, Defined, Formula, IsA, Not, terms_in, walk
 from kbstore.model.symbols import SymbolTable
-from kbstore.pddl.conditions import ConditionReader, conjuncts
+from kbstore.model.timelines import atom_key
+from kbstore.names import key
+from kbstore.pddl.conditions import UNCERTAIN, ConditionReader, conjuncts
 from kbstore.pddl.expressions import read_expression
 from kbstore.pddl.item_reader import ItemReader, fact_of
 from kbstore.pddl.printer import condition_text
@@ -60,6 +64,48 @@ def parse_condition(text: str, domain: Domain | None = None) -> Formula:
     if isinstance(item, Instance):
         return condition_of(item, domain)
     raise context.error(f"{node_text(top, 60)} is no condition; a condition stands in brackets", top, 0)
+
+
+def parse_stored(text: str) -> Formula:
+    """The condition that a stored text says, which was checked before; it may name object fluents (rule P4)."""
+    source = SourceText(text)
+    top = source.read()
+    return ConditionReader(Scope(source, patterns=True, is_stored=True)).read(_one_group(source, top))
+
+
+def parse_initial(text: str) -> list[Formula]:
+    """The conditions in what an initial state says beyond facts and numbers, from its stored text (rule P4).
+
+    Of ``(oneof (p) (q))`` these are its parts, of an object fluent's value the equation, of other constraints none.
+    """
+    source = SourceText(text)
+    group = _one_group(source, source.read())
+    reader = ConditionReader(Scope(source, patterns=True, is_stored=True))
+    if group.word(0) in UNCERTAIN:
+        return [reader.read(part) for part in group if isinstance(part, Group)]
+    return [reader.read(group)] if is_initial(text) else []
+
+
+def is_initial(text: str) -> bool:
+    """Whether a kept text belongs into the initial state, and is not a constraint on a plan's course."""
+    return text.startswith(tuple(f"({word} " for word in ("=", *UNCERTAIN)))
+
+
+@lru_cache(maxsize=1024)
+def uncertain_atoms(text: str) -> frozenset[str]:
+    """The keys of the timelines of the facts of which an initial state says that they are unknown; mostly none."""
+    if not is_initial(text) or text.startswith("(= "):
+        return frozenset()
+    nodes = (node for part in parse_initial(text) for node, _, _ in walk(part, {}))
+    return frozenset(
+        atom_key([key(word) for word in (node.name, *node.arguments)]) for node in nodes if isinstance(node, Atom)
+    )
+
+
+def _one_group(source: SourceText, top: Group) -> Group:
+    if len(top) != 1 or not isinstance(top[0], Group):
+        raise source.error("one condition in brackets is expected", 0)
+    return top[0]
 
 
 def parse_expression(text: str, domain: Domain | None = None) -> NumericExpression:
@@ -119,6 +165,8 @@ def goals_of(condition: Formula, domain: Domain | None = None) -> list[Goal]:
 def goal_of(part: Formula, items: ItemReader) -> Goal:
     """One part of a goal. Raises `InvalidKnowledge` as `goals_of` does."""
     positive = part.part if isinstance(part, Not) else part
+    if any(term[:1] == "(" for term in terms_in(positive)):
+        return ConditionMessage(text=condition_text(part))  # no other message can carry object fluents
     match positive:
         case Atom():
             return fact_of(positive, items.predicate(positive.name), positive is not part)

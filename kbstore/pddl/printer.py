@@ -8,6 +8,7 @@ from kbstore.model.expressions import NumericExpression, Token
 from kbstore.model.formulas import (
     Add,
     And,
+    AssignObject,
     Atom,
     Comparison,
     Defined,
@@ -105,6 +106,8 @@ def _pieces(formula: Formula | Effect) -> list[_Piece]:
         case NumericEffect(operation, function, value):
             text = expression_text(value)
             return [f"({operation.pddl} {function} {f'(* #t {text})' if operation is AssignOp.ASSIGN_CTS else text})"]
+        case AssignObject(function, value):
+            return [f"(assign {function} {value})"]
         case When(condition, effects):
             return ["(when ", condition, " ", *_together(effects), ")"]
         case WhenAtStart(condition, effects):

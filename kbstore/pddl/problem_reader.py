@@ -75,6 +75,8 @@ class Problem:
     goals: list[Goal] = field(default_factory=list)
     metric: Expression | None = None
     constraints: list[str] = field(default_factory=list)
+    object_values: dict[str, str] = field(default_factory=dict)
+    uncertain: list[str] = field(default_factory=list)
     places: Mapping[str, Sequence[tuple[int, int]]] = field(default_factory=dict, compare=False)
     source: str | None = field(default=None, compare=False)
 
@@ -126,11 +128,14 @@ class _ProblemReader:
             goals,
             self._metric(definition.one(":metric")),
             ConstraintReader(context, ConditionReader(context, frozenset())).read(constraints) if constraints else [],
+            init.object_values,
+            init.uncertain,
             {
                 "instances": SourcePositions(context.source, instance_offsets),
                 "init": SourcePositions(context.source, init.offsets),
                 "timed": SourcePositions(context.source, init.timed_offsets),
                 "goals": SourcePositions(context.source, goal_offsets),
+                "uncertain": SourcePositions(context.source, init.uncertain_offsets),
             },
             context.source.name,
         )

@@ -4,11 +4,11 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 
 from kbstore.errors import InvalidKnowledge, KbStoreError, PddlSyntaxError, UnknownSymbol
-from kbstore.model.domain import Domain, Signature
-from kbstore.model.formulas import Atom, Parameter
+from kbstore.model.domain import ROOT_TYPE, Domain, Signature
+from kbstore.model.formulas import Atom, Parameter, object_terms
 from kbstore.model.symbols import arity_problem
 from kbstore.names import is_wildcard, key
-from kbstore.pddl.sexpr import Group, SourceText, bounded, node_text
+from kbstore.pddl.sexpr import Group, Node, SourceText, bounded, node_text
 
 Variables = Mapping[str, tuple[str, ...]]
 """The variables that are bound where a formula stands (keys, without ``?``), each with its types."""
@@ -17,6 +17,7 @@ Report = Callable[[type[KbStoreError], str, int], None]
 """What becomes of something that can be read but does not fit: its kind of error, a sentence, an offset."""
 
 NO_VARIABLES: Variables = {}
+_MAX_TERMS = 50
 _LISTED = 12
 
 
@@ -26,7 +27,8 @@ class Scope:
 
     Without `domain` every predicate, function and type is known. `objects` maps the objects that may be named to
     their types (both as keys); without it any object may be named. Of `patterns`, which questions are, free variables
-    match any object (rule V7), and functions and objects may stand for conditions.
+    match any object (rule V7), and functions and objects may stand for conditions. A text that `is_stored` has been
+    checked: without a domain, terms in it are those of object fluents.
     """
 
     source: SourceText
@@ -34,6 +36,7 @@ class Scope:
     objects: Mapping[str, str] | None = None
     report: Report | None = None
     patterns: bool = False
+    is_stored: bool = False
     complaints: int = 0
     _fits: dict[tuple[tuple[str, ...], tuple[str, ...], bool], bool] = field(default_factory=dict)
 
@@ -69,11 +72,28 @@ class Scope:
             if isinstance(group[index], Group):
                 raise self.error(
                     f"the arguments of {group.word(0)} are names of objects or variables, not "
-                    f"{node_text(group[index], 60)}; functions whose value is an object cannot be read",
+                    f"{node_text(group[index], 60)}",
                     group,
                     index,
                 )
         return tuple(group[start:])  # type: ignore[arg-type]
+
+    # -- object fluents ---------------------------------------------------------------------------------------
+
+    def is_object_term(self, node: Node) -> bool:
+        """Whether a group is the term of an object fluent, as in ``(= (location ?r) wp0)`` (rule P4)."""
+        if not isinstance(node, Group):
+            return False
+        if self.domain is None:
+            return self.is_stored and node.word(0) not in ("", "+", "-", "*", "/", "total-time", "is-violated")
+        return key(node.word(0)) in self.domain.object_fluents
+
+    def object_term(self, term: Group, variables: Variables, depth: int = 0) -> str:
+        """The text of an object fluent's term, after its arguments have been checked."""
+        if depth > _MAX_TERMS:
+            raise self.error(f"terms nested deeper than {_MAX_TERMS} levels cannot be read", term)
+        signature = self.domain.object_fluents[key(term.word(0))].signature if self.domain else None
+        return str(self.atom(term, signature, variables, depth=depth + 1))
 
     # -- symbols ----------------------------------------------------------------------------------------------
 
@@ -83,6 +103,11 @@ class Scope:
             return None
         found = self.domain.predicate_signatures.get(key(name))
         if found is None:
+            if key(name) in self.domain.object_fluents:
+                self.complain(
+                    InvalidKnowledge, f"{self.domain.uncomputed[key(name)]}; it is not true or false", group, 0
+                )
+                return None
             if key(name) in self.domain.function_signatures:
                 problem = (
                     f"{name:.80} is a numeric function, not a predicate; compare its value, as in (> ({name:.80}) 0)"
@@ -98,6 +123,11 @@ class Scope:
             return None
         found = self.domain.function_signatures.get(key(name))
         if found is None:
+            if key(name) in self.domain.object_fluents:
+                self.complain(
+                    InvalidKnowledge, f"{self.domain.uncomputed[key(name)]}; it has no numeric value", group, index
+                )
+                return None
             if key(name) in self.domain.predicate_signatures:
                 problem = f"{name:.80} is a predicate, not a numeric function, and has no value"
             else:
@@ -158,14 +188,20 @@ class Scope:
     # -- atoms ------------------------------------------------------------------------------------------------
 
     def atom(
-        self, group: Group, signature: Signature | None, variables: Variables = NO_VARIABLES, *, asserted: bool = False
+        self,
+        group: Group,
+        signature: Signature | None,
+        variables: Variables = NO_VARIABLES,
+        *,
+        asserted: bool = False,
+        depth: int = 0,
     ) -> Atom:
         """The atom that a group is, with its arguments checked against the signature.
 
         Where it is `asserted`, in an effect, a variable has to be of the parameter's type; where it is asked, it may
         be of a type above, as some of its values may fit.
         """
-        atom = Atom(str(group[0]), self.words(group, 1))
+        atom = Atom(str(group[0]), self._arguments(group, variables, depth))
         wrong = arity_problem(atom, signature) if signature is not None else None
         if wrong:
             self.complain(InvalidKnowledge, wrong, group)
@@ -182,7 +218,10 @@ class Scope:
         self, argument: str, variables: Variables, parameter: Parameter | None = None, *, asserted: bool = False
     ) -> str | None:
         """What is wrong with an argument in the place of `parameter`; None if nothing."""
-        if is_wildcard(argument):
+        types: tuple[str, ...] | None
+        if argument[:1] == "(":
+            types = self._term_types(argument)
+        elif is_wildcard(argument):
             types = variables.get(key(argument[1:]))
             if types is None:
                 return None if self.patterns else _unbound(argument, variables)
@@ -198,6 +237,17 @@ class Scope:
         if self._fit(types, parameter.types, asserted):
             return None
         return f"{argument:.80} is of type {Parameter('', types).type_text}, but {parameter.type_text} is expected"
+
+    def _arguments(self, group: Group, variables: Variables, depth: int) -> tuple[str, ...]:
+        """The arguments of an atom, terms of object fluents as text."""
+        if not any(map(self.is_object_term, group)):
+            return self.words(group, 1)
+        terms = [self.object_term(node, variables, depth) if isinstance(node, Group) else node for node in group[1:]]
+        return tuple(terms)
+
+    def _term_types(self, term: str) -> tuple[str, ...]:
+        """The types of the value of an object fluent's term."""
+        return self.domain.object_fluents[key(object_terms(term)[0])].types if self.domain else (ROOT_TYPE,)
 
     def _fit(self, types: tuple[str, ...], wanted: tuple[str, ...], asserted: bool) -> bool:
         question = (types, wanted, asserted)

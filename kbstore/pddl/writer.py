@@ -7,6 +7,7 @@ from kbstore.clock import SECOND
 from kbstore.messages import Expression, Fact, Function, Goal, Inequality, Instance, KnowledgeItem, format_number
 from kbstore.model.domain import ROOT_TYPE, Domain
 from kbstore.names import key
+from kbstore.pddl.parse import is_initial
 from kbstore.pddl.strict_names import identifier, is_strict
 
 _NAMES_PER_LINE = 10
@@ -73,7 +74,7 @@ class StateLike(Protocol):
 
     @property
     def constraints(self) -> Sequence[str]:
-        """The constraints on the plan's course, in PDDL."""
+        """The constraints on the plan's course, and what is kept of the initial state, in PDDL."""
 
     @property
     def timed_knowledge(self) -> Sequence[KnowledgeItem]:
@@ -105,12 +106,13 @@ def write_problem(state: StateLike, *, explicit_negatives: bool = False) -> str:
         "  (:init",
         *(f"    {fact}" for fact in state.facts if explicit_negatives or not fact.is_negative),
         *_functions(state.functions),
+        *(f"    {text}" for text in state.constraints if is_initial(text)),
         *_timed(state),
         *_running(state),
         *_comments("recorded, which PDDL cannot say: ", state.inequalities),
         "  )",
         *_section("goal", [str(goal) for goal in state.goals], always=True),
-        *_section("constraints", state.constraints),
+        *_section("constraints", [text for text in state.constraints if not is_initial(text)]),
     ]
     if state.metric is not None:
         lines.append(f"  (:metric {state.metric.optimization or 'minimize'} {state.metric.expr})")

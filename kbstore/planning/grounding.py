@@ -55,6 +55,8 @@ def ground(domain: Domain, name: str, arguments: tuple[str, ...], world: Interpr
     with the arguments.
     """
     action = domain.action(name)
+    for fluent in domain.object_fluents.keys() & action.symbols if domain.object_fluents else ():
+        raise InvalidKnowledge(f"the operator {action.name} cannot be applied: {domain.uncomputed[fluent]}")
     given = f"({' '.join((action.name, *arguments))})"
     wrong = arity_problem(Atom(action.name, arguments), action)
     violations = [wrong] if wrong else []

@@ -122,7 +122,7 @@ class Answers:
         reader = self._reader
         with reader.repository() as repository:
             point = self._resolver.resolve(repository, at, as_of)
-            symbols = reader.symbol_table(repository, point.head, point.position)
+            symbols = reader.symbols_at(repository, point)
             world = reader.world(repository, point, symbols.domain)
             answer = form.prepare(question, symbols).evaluate(world)
             until = world.until if isinstance(world, LazyState) else point.valid_time

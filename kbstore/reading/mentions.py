@@ -5,10 +5,10 @@ from functools import lru_cache
 
 from kbstore.messages import KnowledgeType
 from kbstore.model.expressions import atoms_of
-from kbstore.model.formulas import Atom, Comparison, Defined, Formula, IsA, Same, walk
+from kbstore.model.formulas import Formula, names_in, terms_in
 from kbstore.model.timelines import Role, Timeline, Value
-from kbstore.names import is_wildcard, key
-from kbstore.pddl.parse import parse_condition, parse_expression
+from kbstore.names import key
+from kbstore.pddl.parse import parse_expression, parse_initial, parse_stored
 
 
 def mentions(timeline: Timeline, value: Value) -> Sequence[str]:
@@ -21,7 +21,7 @@ def mentions(timeline: Timeline, value: Value) -> Sequence[str]:
         case KnowledgeType.EXPRESSION if timeline.role is Role.STATE:
             return _in_expression(value[2])
         case _ if timeline.role is Role.CONSTRAINT:
-            return ()
+            return _in_initial_condition(value[2])
         case _:
             return _in_condition(timeline.spelling)
 
@@ -33,20 +33,16 @@ def _in_expression(text: str) -> Sequence[str]:
 
 @lru_cache(maxsize=1024)
 def _in_condition(text: str) -> Sequence[str]:
-    return tuple(sorted(objects_in(parse_condition(text))))
+    return tuple(sorted(objects_in(parse_stored(text))))
+
+
+@lru_cache(maxsize=1024)
+def _in_initial_condition(text: str) -> Sequence[str]:
+    """Of what an initial state says beyond facts and numbers; constraints on a plan's course end with no object."""
+    return tuple(sorted(set().union(*map(objects_in, parse_initial(text)))))
 
 
 def objects_in(condition: Formula) -> set[str]:
-    """Return the keys of the objects that a condition refers to by name."""
-    found: set[str] = set()
-    for node, _, _ in walk(condition, {}):
-        match node:
-            case Atom(_, arguments) | Defined(Atom(_, arguments)):
-                found.update(arguments)
-            case Comparison(_, left, right):
-                found.update(argument for atom in atoms_of((*left, *right)) for argument in atom.arguments)
-            case Same(left, right):
-                found.update((left, right))
-            case IsA(name):
-                found.add(name)
-    return {key(name) for name in found if not is_wildcard(name)}
+    """The keys of the objects that a condition mentions by name."""
+    names = {key(name) for term in terms_in(condition) for name in names_in(term)}
+    return {name for name in names if name and name[0] != "?"}

@@ -12,7 +12,7 @@ from kbstore.evaluation.wellformed import check, check_expression
 from kbstore.messages import Condition, Fact, Function, KnowledgeType, Truth
 from kbstore.model.domain import Domain
 from kbstore.model.expressions import NumericExpression, atoms_of
-from kbstore.model.formulas import Atom, Comparison, Defined, Formula, Not, walk
+from kbstore.model.formulas import Atom, Comparison, Defined, Formula, Not, symbols_in, walk
 from kbstore.model.symbols import SymbolTable
 from kbstore.model.timelines import Timeline, atom_key
 from kbstore.names import is_wildcard, key
@@ -29,7 +29,7 @@ class World(Interpretation, Protocol):
 
 
 class PreparedCondition:
-    """A condition; where one timeline decides it (`key` is not None), by what holds on that.
+    """A condition; where one timeline decides it at any time (`key` is not None), by what holds on that.
 
     Attributes:
         kind, key: of the timeline.
@@ -52,6 +52,8 @@ class PreparedCondition:
         elif isinstance(part, Atom) and not (domain and domain.is_derived(part.name)):
             self.key = _ground_key(part)
             absent = Truth.UNKNOWN if use_unknowns else Truth.FALSE
+        if domain is not None and domain.events and not symbols_in(formula).isdisjoint(domain.forecast.uncomputed):
+            self.key = None
         outcomes = Truth.TRUE, Truth.FALSE, absent
         if part is not formula:
             outcomes = ~outcomes[0], ~outcomes[1], ~outcomes[2]
@@ -77,11 +79,13 @@ class PreparedExpression:
 
     kind = KnowledgeType.FUNCTION
 
-    def __init__(self, expression: NumericExpression) -> None:
+    def __init__(self, expression: NumericExpression, domain: Domain | None) -> None:
         self.expression = expression
         self.timeline: Timeline | None = None
         only = expression[0] if len(expression) == 1 else None
         self.key = _ground_key(only) if isinstance(only, Atom) else None
+        if isinstance(only, Atom) and domain is not None and key(only.name) in domain.forecast.uncomputed:
+            self.key = None
 
     def evaluate(self, world: World) -> float:
         """The value in a world. Raises `UndefinedFunction` or `DivisionByZero` where it has none."""
@@ -124,7 +128,7 @@ class PreparedQuestions:
         if prepared is None:
             expression = as_expression(question, symbols)
             check_expression(expression, symbols.domain)
-            prepared = PreparedExpression(expression)
+            prepared = PreparedExpression(expression, symbols.domain)
             atoms = ((KnowledgeType.FUNCTION, atom) for atom in atoms_of(expression))
             if name is not None and _is_lasting(question, symbols, atoms):
                 self.expressions.put((symbols.domain, name), prepared)

@@ -66,6 +66,13 @@ class Reader:
         """The symbols known at a position in the log."""
         return self.domains.symbol_table(repository, head, position)
 
+    def symbols_at(self, repository: Repository, point: TemporalPoint) -> SymbolTable:
+        """The symbols for a question about a point; of a forecast, some cannot be answered (rule P4)."""
+        symbols = self.symbol_table(repository, point.head, point.position)
+        if symbols.domain is not None and point.valid_time > point.system_time.time:
+            return SymbolTable(symbols.domain.forecast)
+        return symbols
+
     def running(self, repository: Repository, position: LogPosition, head: Head) -> list[RunningAction]:
         """The durative actions that run at a position in the log."""
         return [as_running(row) for row in repository.running(position)] if head.last_run else []
@@ -78,7 +85,7 @@ class Reader:
 
     def state(self, repository: Repository, point: TemporalPoint) -> State:
         """The state at a point."""
-        symbols = self.symbol_table(repository, point.head, point.position)
+        symbols = self.symbols_at(repository, point)
         data = self._states.find(point.valid_time) if point.is_settled else None
         if data is None:
             data = self._data(repository, point, symbols.domain)

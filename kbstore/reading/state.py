@@ -22,6 +22,7 @@ from kbstore.messages import (
 from kbstore.model.results import QueryResult, Run
 from kbstore.model.symbols import SymbolTable
 from kbstore.model.timelines import Identity, Role
+from kbstore.pddl.parse import uncertain_atoms
 from kbstore.pddl.writer import write_problem
 from kbstore.planning.simulator import Mentions, Simulator
 from kbstore.reading.item_factory import ItemFactory
@@ -128,8 +129,16 @@ class State:
 
     @cached_property
     def constraints(self) -> list[str]:
-        """The trajectory constraints that problems brought, in PDDL."""
-        return [row[2][2] for row in self.snapshot.rows if row[0].role is Role.CONSTRAINT]
+        """What problems said that no item can carry, in PDDL (rule P4).
+
+        These are constraints on the plan's course, values of object fluents, and ``oneof``, ``or`` and ``unknown`` in
+        the initial state, as long as none of their atoms has been asserted.
+        """
+        kept = sorted((row[0].id, row[2][2]) for row in self.snapshot.rows if row[0].role is Role.CONSTRAINT)
+        return [text for _, text in kept if not any(map(self._is_asserted, uncertain_atoms(text)))]
+
+    def _is_asserted(self, name: str) -> bool:
+        return self.snapshot.row(KnowledgeType.FACT, name) is not None
 
     @cached_property
     def timed_knowledge(self) -> list[KnowledgeItem]:

@@ -206,9 +206,12 @@ def when_true(
     parts = list(reader.domains.within(repository, now.head, first, last))
     formula, checked = _formula(reader, condition, [symbol_table for _, _, symbol_table in parts])
     for start, end, symbol_table in parts:
-        if symbol_table.domain is not checked:
+        domain = symbol_table.domain
+        if domain is not None and end > now.valid_time + 1:
+            domain = domain.forecast
+        if domain is not checked:
             with suppress(UnknownSymbol):
-                check(formula, symbol_table.domain)
+                check(formula, domain)
         trajectory = StoredTrajectory(reader, history, repository, now, (start, end), symbol_table.domain)
         found += intervals(formula, trajectory)
     return merged(found)

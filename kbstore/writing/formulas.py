@@ -1,6 +1,7 @@
 """Formulas that are to be recorded, such as goals: checked (rule D1), and with their names as first written (D3)."""
 
 from collections.abc import Iterator
+from itertools import chain
 
 from kbstore.errors import KbStoreError
 from kbstore.messages import KnowledgeType
@@ -17,6 +18,7 @@ from kbstore.model.formulas import (
     Same,
     children,
     map_children,
+    names_in,
 )
 from kbstore.names import is_wildcard, key
 from kbstore.writing.resolution import Resolver, violations_of
@@ -82,12 +84,15 @@ def _atom_violations(
         yield from violations_of(error, atom)
         return
     types = [p.types for p in signature.parameters] if signature else [("object",)] * len(atom.arguments)
-    ground = [pair for pair in zip(atom.arguments, types, strict=True) if not _is_bound(pair[0], bound)]
+    fitting = [pair for pair in zip(atom.arguments, types, strict=True) if pair[0][:1] != "("]
+    # what the value of an object fluent is, is not computed; the objects that its term names exist
+    fitting += [(name, ("object",)) for term in atom.arguments if term[:1] == "(" for name in names_in(term)]
+    ground = [pair for pair in fitting if not _is_bound(pair[0], bound)]
     yield from resolver.object_violations(str(atom), [name for name, _ in ground], [types for _, types in ground], t)
 
 
 def _term_violations(resolver: Resolver, *terms: str, t: int, bound: frozenset[str]) -> Iterator[str]:
-    for term in terms:
+    for term in chain.from_iterable(map(names_in, terms)):
         if not _is_bound(term, bound):
             yield from resolver.object_violations(term, [term], [("object",)], t)
 
@@ -127,8 +132,8 @@ def canonical_expression(resolver: Resolver, expression: NumericExpression) -> N
 
 
 def canonical_term(resolver: Resolver, name: str) -> str:
-    """The object's name as first written; a variable stays as it is."""
-    return name if is_wildcard(name) else resolver.object(name).timeline.spelling
+    """The object's name as first written; a variable and an object fluent's term stay as they are."""
+    return name if is_wildcard(name) or name[0] == "(" else resolver.object(name).timeline.spelling
 
 
 def _canonical_atom(resolver: Resolver, kind: KnowledgeType, atom: Atom) -> Atom:

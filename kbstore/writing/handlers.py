@@ -26,7 +26,7 @@ from kbstore.model.formulas import Comparison, Formula
 from kbstore.model.symbols import SymbolTable
 from kbstore.model.timelines import METRIC_KEY, EndCause, Identity, Role, Value, atom_key
 from kbstore.names import is_wildcard, key, matches
-from kbstore.pddl.parse import condition_of, parse_condition
+from kbstore.pddl.parse import condition_of, parse_condition, uncertain_atoms
 from kbstore.pddl.printer import condition_text, expression_text
 from kbstore.storage.repository import LogPosition, Repository
 from kbstore.writing.change_set import ChangeSet
@@ -90,11 +90,24 @@ class Handlers:
             case Condition():
                 return self._add_condition(goal.text, Role.GOAL, t)
 
-    def add_constraint(self, text: str) -> Violations:
-        """Keep a problem's trajectory constraints, which no message carries."""
-        state = self._change_set.state(Identity(Role.CONSTRAINT, KnowledgeType.EXPRESSION, key(text)), text)
+    def add_constraint(self, text: str, about: str = "") -> Violations:
+        """Keep what a problem says and no message carries, instead of what was kept before `about` the same."""
+        name = about or text
+        state = self._change_set.state(Identity(Role.CONSTRAINT, KnowledgeType.EXPRESSION, key(name)), name)
         self._change_set.put(state, (False, "", text), self._now)
         return _NONE
+
+    def end_uncertain(self) -> None:
+        """End what initial states say of unknown atoms, such as ``(oneof (p) (q))``, once one is asserted (rule P4)."""
+        facts = self._change_set.group(Role.STATE, KnowledgeType.FACT)
+        asserted = {name for name, state in facts.items() if state.value is not None}
+        if not asserted:
+            return
+        kept = self._repository.of_kind(Role.CONSTRAINT, KnowledgeType.EXPRESSION)
+        self._change_set.loaded(kept)
+        for state in list(self._change_set.group(Role.CONSTRAINT, KnowledgeType.EXPRESSION).values()):
+            if state.value is not None and not asserted.isdisjoint(uncertain_atoms(state.value[2])):
+                self._change_set.take(state, self._now, EndCause.REPLACED)
 
     def add_metric(self, item: KnowledgeItem, t: int) -> Violations:
         """Set the metric; it replaces the one that stands (rule C11)."""

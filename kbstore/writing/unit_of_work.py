@@ -31,7 +31,7 @@ from kbstore.writing.compatibility import violations
 from kbstore.writing.handlers import Handlers
 from kbstore.writing.recorder import Recorder
 from kbstore.writing.resolution import Violations
-from kbstore.writing.updates import Batch, Item, Step, goals_in, items_in, problem_batch
+from kbstore.writing.updates import Batch, Item, Step, closed_world_violations, goals_in, items_in, problem_batch
 
 TOLERANCE = 1_000_000_000
 """How far a clock may be behind the latest recorded time, in nanoseconds (rule T3)."""
@@ -135,6 +135,8 @@ class OpenTransaction:
         if not self._is_whole:
             raise InvalidKnowledge("a load has failed half-way in this transaction; nothing of it has been stored")
         self._change_set.contributions = self._executor.contributions()
+        if self._reader.use_unknowns:
+            self._handlers.end_uncertain()
         writes = self._change_set.finish(self._number)
         domain = self._symbols.domain
         has_domain = domain is not None and domain is not self._domain
@@ -285,6 +287,8 @@ class OpenTransaction:
     ) -> None:
         loaded = self._symbols.domain if domain is None else read_domain(domain)
         read = None if problem is None else read_problem(problem, loaded)
+        if read is not None and read.uncertain and not self._reader.use_unknowns:
+            raise InvalidKnowledge(*closed_world_violations(read))
         if replace:
             self.clear()
         if loaded is not None and domain is not None:

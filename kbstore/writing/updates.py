@@ -158,8 +158,18 @@ def problem_batch(problem: Problem, handlers: Handlers, now: int) -> Batch:
     batch.add(Role.GOAL, problem.goals, handlers.add_goal, place=place("goals"))
     if problem.metric is not None:
         batch.add(Role.STATE, [problem.metric], handlers.add_metric)
-    batch.steps += [partial(handlers.add_constraint, text) for text in problem.constraints]
+    batch.steps += [partial(handlers.add_constraint, text) for text in (*problem.constraints, *problem.uncertain)]
+    batch.steps += [partial(handlers.add_constraint, text, about) for about, text in problem.object_values.items()]
     return batch
+
+
+def closed_world_violations(problem: Problem) -> list[str]:
+    """What of a problem a closed world cannot hold, each with its place: that an atom is unknown (rule P4)."""
+    return [
+        f"{_place(problem, 'uncertain', index)}: {text} says that facts are unknown, but in the closed world of this "
+        "knowledge base what is not asserted is false; create one with kbstore.open(..., use_unknowns=True)"
+        for index, text in enumerate(problem.uncertain)
+    ]
 
 
 def _place(problem: Problem, part: str, index: int) -> str:

@@ -28,7 +28,10 @@ REFUSALS = {
     "text after the end": ("(define (domain d)\n  (:predicates (p)))\n «(:functions (f))", "outside"),
     "text between sections": ("(define (domain d) «hello (:predicates (p)))", "a section"),
     "unknown section": ("(define (domain d)\n («:predicate (p)))", "did you mean :predicates"),
-    "PDDL+": ("(define (domain d) («:process x))", r"PDDL\+"),
+    "PDDL 1.2": ("(define (domain d) («:axiom x))", r"PDDL 1\.2"),
+    "process twice": (WITH + "(:process x :effect (p)) (:process «X))", "second time, and differently"),
+    "duration in a process": (WITH + "(:process x :effect (increase (f) «?duration)))", "durative"),
+    "elapsed time in an event": (WITH + "(:event x :effect (increase (f) (* «#t 2))))", "durative"),
     "section twice": ("(define (domain d) (:predicates (p))\n («:predicates (q)))", "second time"),
     "object below something": (
         "(define (domain d) (:types «object - thing))",
@@ -63,7 +66,20 @@ REFUSALS = {
     "parameter without ?": ("(define (domain d) (:predicates (p «x)))", "a variable is expected"),
     "parameter without a name": ("(define (domain d) (:predicates (p «?)))", "a variable is expected"),
     "function twice": ("(define (domain d) (:functions (f ?x) («f)))", r"second time, .* before it is \(f \?x"),
-    "object fluent": ("(define (domain d) (:types t) (:functions (f) - «t))", "object fluents"),
+    "unknown type of an object fluent": ("(define (domain d) (:functions (f) - «t))", "type t is not declared"),
+    "object fluent as a number": (
+        "(define (domain d) (:types t) (:functions (f) - t)\n (:action a :precondition (> («f) 3)))",
+        "f is an object fluent",
+    ),
+    "number as an object": (
+        "(define (domain d) (:types t) (:functions (f) - t (g))\n (:action a :precondition (= (f) «(g))))",
+        "an object is expected",
+    ),
+    "value of another type": (
+        "(define (domain d) (:types t u) (:functions (f) - t)\n"
+        " (:action a :parameters (?x - u) :effect (assign (f) «?x)))",
+        "of type u, but t is expected",
+    ),
     "function without brackets": ("(define (domain d) (:functions «f))", "brackets"),
     "bad name": ("(define (domain d) (:constants «a'b))", "contains"),
     "action without a name": (WITH + "(:action «))", "missing"),
