@@ -1,4 +1,4 @@
-"""The command line ``kbstore``: everything that a knowledge base can be told and asked, and the care of its store."""
+"""The command line ``kbstore``: write to knowledge bases, ask them, and maintain their stores."""
 
 from kbstore.cli.app import main
 

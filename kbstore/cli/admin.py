@@ -19,9 +19,9 @@ from kbstore.report import values
 from kbstore.report.tables import plural, table
 from kbstore.report.time_format import TimeFormat
 
-NewFile = Annotated[Path, typer.Argument(help="The file to make; it must not exist yet.", metavar="FILE")]
+NewFile = Annotated[Path, typer.Argument(help="The file to create; it must not exist yet.", metavar="FILE")]
 Output = Annotated[
-    Path | None, typer.Option("--output", metavar="FILE", help="The file to make; standard output without it.")
+    Path | None, typer.Option("--output", metavar="FILE", help="The file to create (default: standard output).")
 ]
 
 
@@ -41,7 +41,7 @@ def kbs(url: Url = None, now: Now = None, as_json: Json = False) -> None:
     place = store(url)
     found = []
     for name in kbstore.knowledge_bases(place):
-        # by a clock that stands still, now is the latest time that is recorded
+        # a clock that stands at 0: now is the latest recorded time
         with kbstore.open(place, name, clock=ManualClock(), read_only=True) as kb:
             latest = kb.state()
             domain = None if latest.domain is None else latest.domain.name
@@ -56,7 +56,7 @@ def kbs(url: Url = None, now: Now = None, as_json: Json = False) -> None:
                 }
             )
     moments = TimeFormat(parse_time(now or "now", kbstore.SystemClock().now()))
-    headings = ("name", "domain", "world", "last told", "", ">objects", ">facts")
+    headings = ("name", "domain", "world", "last written", "", ">objects", ">facts")
     rows = [
         (
             str(kb["name"]),
@@ -69,24 +69,28 @@ def kbs(url: Url = None, now: Now = None, as_json: Json = False) -> None:
         )
         for kb in found
     ]
-    answer(found, as_json=as_json, view=lambda: table("", headings, rows) if found else "no knowledge base yet")
+    answer(
+        found, as_json=as_json, view=lambda: table("", headings, rows) if found else "there is no knowledge base yet"
+    )
 
 
 def export(
-    form: Annotated[Format, typer.Option("--format", help="pddl for a planner, json for everything.")] = Format.PDDL,
+    form: Annotated[
+        Format, typer.Option("--format", help="pddl for planners; json for the state, or for everything.")
+    ] = Format.PDDL,
     at: At = None,
     as_of: AsOf = None,
-    domain: Annotated[bool, typer.Option("--domain", help="The domain, as it was loaded.")] = False,
+    domain: Annotated[bool, typer.Option("--domain", help="Write the domain instead, as it was loaded.")] = False,
     output: Output = None,
     url: Url = None,
     kb: Kb = None,
     now: Now = None,
     as_json: Json = False,
 ) -> None:
-    """Write the planning problem as of any time, or the whole knowledge base.
+    """Write the planning problem of any time, the domain, or the whole knowledge base.
 
-    With --format json and no time, it is the knowledge base with all its history, as JSON Lines that import restores
-    exactly; with a time, the state at it. With --json, what is written (to --output) is reported in JSON.
+    With --format json and no time, write the knowledge base with all its history as JSON Lines, which import restores
+    exactly; with a time, the state at that time. With --json, report in JSON what was written to --output.
 
     Examples:
         kbstore export --at -5m > problem.pddl
@@ -107,12 +111,12 @@ def export(
 
 
 def import_(
-    file: Annotated[Path, typer.Argument(help="What export --format json wrote.", metavar="FILE", exists=True)],
+    file: Annotated[Path, typer.Argument(help="A file written by export --format json.", metavar="FILE", exists=True)],
     url: Url = None,
     kb: Kb = None,
     as_json: Json = False,
 ) -> None:
-    """Restore a knowledge base, with every time, transaction and cancellation as it was; --kb gives it another name.
+    """Restore an exported knowledge base exactly, with all its history. --kb gives it another name.
 
     Examples:
         kbstore import kenny.jsonl --url robot.db
@@ -120,11 +124,11 @@ def import_(
     """
     with working(f"importing {file.name}") as progress:
         name = kbstore.import_knowledge_base(store(url), file, kb, progress=progress)
-    answer({"name": name, "file": str(file)}, as_json=as_json, view=lambda: f"{name} is restored from {file}")
+    answer({"name": name, "file": str(file)}, as_json=as_json, view=lambda: f"{name} was restored from {file}")
 
 
 def backup(file: NewFile, url: Url = None, as_json: Json = False) -> None:
-    """Copy the whole store to a new SQLite file, consistent while writers go on.
+    """Copy the whole store to a new SQLite file. The copy is consistent while writers go on.
 
     Examples:
         kbstore backup robot-2026-05-04.db --url robot.db
@@ -136,18 +140,23 @@ def backup(file: NewFile, url: Url = None, as_json: Json = False) -> None:
 
 
 def archive(
-    file: Annotated[Path, typer.Argument(help="The SQLite file that takes the history.", metavar="FILE")],
+    file: Annotated[
+        Path, typer.Argument(help="The SQLite file for the history; a new one, or the last archive.", metavar="FILE")
+    ],
     before: Annotated[
-        str, typer.Option("--before", metavar="TIME", help=f"Up to which time. {TIMES}", show_default=False)
+        str,
+        typer.Option(
+            "--before", metavar="TIME", help=f"Archive the history before this time. {TIMES}", show_default=False
+        ),
     ],
     url: Url = None,
     kb: Kb = None,
     now: Now = None,
     as_json: Json = False,
 ) -> None:
-    """Move history before a time out into a file, which can be asked like any other store.
+    """Move the history before a time into a file, which can be asked like any other store.
 
-    Questions that need it are refused from then on. Interrupted, it goes on when it is run again.
+    From then on, questions that need this history are refused. If interrupted, run the command again to continue.
 
     Examples:
         kbstore archive --before -90d kenny-history.db
@@ -156,18 +165,18 @@ def archive(
         done = found.archive(parse_time(before, found.now()), file, progress=progress)
     report = {"file": str(done.path), "rows": done.rows, **values.times(history_from=done.history_from)}
     said = (
-        f"{file}: {plural(done.rows, 'row')} moved; the store keeps what was from {isoformat(done.history_from)} on"
+        f"{file}: {plural(done.rows, 'row')} moved; the history in the store begins at {isoformat(done.history_from)}"
         if done.rows
-        else f"there was nothing to archive; the store keeps what was from {isoformat(done.history_from)} on"
+        else f"there was nothing to archive; the history in the store begins at {isoformat(done.history_from)}"
     )
     answer(report, as_json=as_json, view=lambda: said)
 
 
 def demo(
-    file: Annotated[Path | None, typer.Argument(help="The SQLite file to make; a new one here without it.")] = None,
+    file: Annotated[Path | None, typer.Argument(help="The SQLite file to create (default: a new one here).")] = None,
     as_json: Json = False,
 ) -> None:
-    """Play a robot's morning into a new file, and ask it questions.
+    """Record a robot's morning in a new file, and ask questions about it.
 
     Examples:
         kbstore demo

@@ -1,4 +1,4 @@
-"""The commands together, and the options that may stand before them."""
+"""The command line application: all commands, their groups, and the options that may come before them."""
 
 from collections.abc import Callable, Mapping
 from importlib.metadata import version
@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from kbstore.cli import admin, history, migrations, query, write
+from kbstore.cli import act, admin, history, migrations, query, write
 from kbstore.cli.errors import OneLineErrors
 from kbstore.cli.options import STORE
 
@@ -15,30 +15,33 @@ app = typer.Typer(
     name="kbstore",
     cls=OneLineErrors,
     help=(
-        "A knowledge base that remembers: what stood, stands and is expected to stand, at any time.\n\n"
-        "The options of the store stand before the command or after it."
+        "A bitemporal knowledge base for robot planning: what holds at any time, and what was believed of it.\n\n"
+        "The options of the store may be given before the command or after it."
     ),
     invoke_without_command=True,
     pretty_exceptions_enable=False,
 )
-goal = typer.Typer(invoke_without_command=True, help="Add to the goal, or remove from it.")
-db = typer.Typer(invoke_without_command=True, help="The store's schema: upgrade it, check it.")
+WRITE, MAINTAIN = "Write", "Maintain"
+
+goal = typer.Typer(invoke_without_command=True, help="Add goals, or remove them.")
+db = typer.Typer(invoke_without_command=True, help="Upgrade or check the schema of the store.")
 
 
-app.add_typer(goal, name="goal", rich_help_panel="Tell")
-app.add_typer(db, name="db", rich_help_panel="Keep")
+app.add_typer(goal, name="goal", rich_help_panel=WRITE)
+app.add_typer(db, name="db", rich_help_panel=MAINTAIN)
 
 Commands = dict[str, Callable[..., None]]
 
 COMMANDS: list[tuple[typer.Typer, str | None, Commands]] = [
     (
         app,
-        "Tell",
+        WRITE,
         {"load": write.load, "add": write.add, "remove": write.remove, "metric": write.metric},
     ),
+    (app, "Act", {"apply": act.apply, "start": act.start, "end": act.end, "abort": act.abort}),
     (
         app,
-        "Ask about a moment",
+        "Ask about one time",
         {
             "state": query.state,
             "holds": query.holds,
@@ -54,7 +57,7 @@ COMMANDS: list[tuple[typer.Typer, str | None, Commands]] = [
     ),
     (
         app,
-        "Keep",
+        MAINTAIN,
         {
             "kbs": admin.kbs,
             "export": admin.export,
@@ -77,11 +80,11 @@ COMMANDS: list[tuple[typer.Typer, str | None, Commands]] = [
         },
     ),
 ]
-"""Every command: its group, its panel in the help, its function by its name."""
+"""Every command: its group, its panel in the help, and its function by name."""
 
 for _group, _panel, _functions in COMMANDS:
     for _name, _function in _functions.items():
-        # the lines of examples stay lines, and a relative time like -5m may stand where an option could
+        # keep the lines of examples; let diff take a relative time like -5m, which looks like an option
         _help = cleandoc(_function.__doc__ or "").replace("Examples:\n", "\b\nExamples:\n")
         _settings = {"ignore_unknown_options": _name == "diff"}
         _group.command(_name, help=_help, rich_help_panel=_panel, context_settings=_settings)(_function)
@@ -90,7 +93,7 @@ for _group, _panel, _functions in COMMANDS:
 @goal.callback()
 @db.callback()
 def show_help(ctx: typer.Context) -> None:
-    """Where no command follows, show which there are."""
+    """Show the help if no command follows."""
     if ctx.invoked_subcommand is None:
         typer.echo(ctx.get_help())
         raise typer.Exit
@@ -113,14 +116,14 @@ def before(
         typer.Option(metavar="NAME", envvar="KBSTORE_KB", help="The knowledge base.", rich_help_panel=STORE),
     ] = None,
     now: Annotated[
-        str | None, typer.Option(metavar="TIME", help="What to take as now; last is possible.", rich_help_panel=STORE)
+        str | None, typer.Option(metavar="TIME", help="The time to take as now, or last.", rich_help_panel=STORE)
     ] = None,
     as_json: Annotated[
         bool, typer.Option("--json", help="Answer in JSON.", rich_help_panel=STORE, show_default=False)
     ] = False,
     show_version: Annotated[bool, typer.Option("--version", help="Show the version and exit.")] = False,
 ) -> None:
-    """Hand the options that stand before a command on to it, which may still say otherwise."""
+    """Pass the options before a command on to it, as defaults."""
     if show_version:
         typer.echo(f"kbstore {version('kbstore')}")
         raise typer.Exit
@@ -130,7 +133,7 @@ def before(
 
 
 def _for_each(command: Any, given: Mapping[str, Any]) -> dict[str, Any]:
-    """The same defaults for every command below a group."""
+    """The same defaults for every command of a group."""
     below: Mapping[str, Any] = getattr(command, "commands", {})
     return {name: _for_each(part, given) if hasattr(part, "commands") else dict(given) for name, part in below.items()}
 

@@ -1,4 +1,4 @@
-"""What goes wrong on the command line: one line on standard error, and exit code 2."""
+"""Errors on the command line: one line on standard error, and exit code 2."""
 
 import os
 import sys
@@ -16,13 +16,35 @@ FAILED = 2
 """The exit code of every error."""
 
 INTERRUPTED = 130
-"""The exit code after Ctrl-C, as shells have it."""
+"""The exit code after Ctrl-C, as in shells."""
+
+
+IN_PYTHON = {
+    "; load one first: kb.load('domain.pddl')": "; load one first: kbstore load domain.pddl",
+    "; load one: kb.load('domain.pddl')": "; load one: kbstore load domain.pddl",
+    ": ask for it by kb.value(...)": ": ask for it with kbstore value",
+    "; kbstore.open() without read_only makes one": "; kbstore load, or kbstore add, creates one",
+    "; start() it, and end() it when it is done": "; kbstore start it, and kbstore end it when it is done",
+    "; give one, as: duration=kbstore.seconds(30)": "; give one, for instance --duration 30s",
+    "; apply() does the whole of it": "; kbstore apply does all of it",
+    "; ask when() it was true": "; ask kbstore when",
+    "; abort() it": "; kbstore abort it",
+    ", or abort() it": ", or kbstore abort it",
+}
+"""Advice in messages that is given in Python, and the command that does the same."""
 
 
 def one_line(error: BaseException) -> str:
-    """What an error says, on one line."""
+    """The message of an error, on one line, with advice in commands instead of Python."""
+    message = _one_line(error)
+    for python, command in IN_PYTHON.items():
+        message = message.replace(python, command)
+    return message
+
+
+def _one_line(error: BaseException) -> str:
     if isinstance(error, PddlSyntaxError):
-        # without the quoted line and the mark below it: the place says where
+        # the position says where; leave out the quoted line and the mark below it
         return str(error).partition("\n")[0]
     if isinstance(error, InvalidKnowledge) and len(error.violations) > 1:
         return f"{len(error.violations)} violations: {'; '.join(map(_joined, error.violations))}"
@@ -40,7 +62,7 @@ def _joined(text: str) -> str:
 
 
 class OneLineErrors(TyperGroup):
-    """The commands, with every error of theirs on one line: kbstore's, the file system's, and those of usage."""
+    """A group of commands that reports every error on one line: kbstore's, the file system's, and those of usage."""
 
     def main(self, *args: Any, **options: Any) -> NoReturn:
         """Run the command line and exit."""
@@ -58,7 +80,7 @@ def _failing() -> Iterator[None]:
     except typer.Abort:
         sys.exit(INTERRUPTED)
     except BrokenPipeError:
-        # whoever read our output has had enough, as `head` does; keep the interpreter from flushing into it at exit
+        # the reader has closed the pipe, as `head` does; keep the interpreter from flushing into it at exit
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(0)
     except typer.TyperException as error:

@@ -24,7 +24,7 @@ def history(
     now: Now = None,
     as_json: Json = False,
 ) -> None:
-    """List what was ever said of something: from when until when it stood, who said so, who ended or cancelled it.
+    """List all assertions that match: when each held, who recorded it, and who ended or cancelled it.
 
     Examples:
         kbstore history "(robot_at kenny ?)"
@@ -37,7 +37,7 @@ def history(
         answer(
             each(listed),
             as_json=as_json,
-            view=lambda: records.history_table(listed, moments) if listed else "nothing was said of it in that span",
+            view=lambda: records.history_table(listed, moments) if listed else "nothing is recorded of it in that span",
         )
 
 
@@ -50,7 +50,7 @@ def when(
     now: Now = None,
     as_json: Json = False,
 ) -> None:
-    """List the intervals in which a condition is true, exact to the nanosecond; until now, or --until.
+    """List the intervals in which a condition is true, exact to the nanosecond. The span ends now, or at --until.
 
     Examples:
         kbstore when "(open lab_door)"
@@ -71,7 +71,7 @@ def diff(
     now: Now = None,
     as_json: Json = False,
 ) -> None:
-    """List what became true, became false, was withdrawn or changed between two times.
+    """List what became true, became false, was withdrawn, or changed between two times.
 
     Examples:
         kbstore diff -5m
@@ -86,19 +86,19 @@ def diff(
 def changes(
     about: Annotated[
         str | None,
-        typer.Argument(help="Only what matches this pattern: a fact, function or object.", metavar="PATTERN"),
+        typer.Argument(help="Only changes of what matches this fact, function or object.", metavar="PATTERN"),
     ] = None,
-    after: Annotated[int, typer.Option("--after", metavar="N", help="Only what came after transaction N.", min=0)] = 0,
-    follow: Annotated[bool, typer.Option("--follow", help="Go on waiting for more, until Ctrl-C.")] = False,
+    after: Annotated[int, typer.Option("--after", metavar="N", help="Only changes after transaction N.", min=0)] = 0,
+    follow: Annotated[bool, typer.Option("--follow", help="Wait for more, until Ctrl-C.")] = False,
     url: Url = None,
     kb: Kb = None,
     now: Now = None,
     as_json: Json = False,
 ) -> None:
-    """List the transactions in order, with all that they did, and what took effect by the clock alone.
+    """List the transactions in order, with everything that they did, and what took effect by the clock alone.
 
     A plus marks what was asserted, a minus what ended, an x what was cancelled before it took effect.
-    With --json, one line for each.
+    With --json, print one line for each.
 
     Examples:
         kbstore changes
@@ -115,5 +115,5 @@ def changes(
 
 
 def _beginning(since: str | None, kb: KnowledgeBase) -> int:
-    """The time that --since names; without it, where the history that is kept begins."""
+    """The time of --since; without it, the beginning of the history."""
     return kb.history_from if since is None else parse_time(since, kb.now())

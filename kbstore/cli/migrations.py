@@ -14,11 +14,11 @@ Schema = Annotated[
     typer.Option(
         "--schema",
         metavar="NAME",
-        help="The schema of a PostgreSQL database that kbstore lives in.",
+        help="The schema of a PostgreSQL database that kbstore uses.",
         show_default=False,
     ),
 ]
-NoBackup = Annotated[bool, typer.Option("--no-backup", help="Don't copy an SQLite file first.", show_default=False)]
+NoBackup = Annotated[bool, typer.Option("--no-backup", help="Do not copy an SQLite file first.", show_default=False)]
 
 
 def upgrade(
@@ -28,7 +28,7 @@ def upgrade(
     url: Url = None,
     as_json: Json = False,
 ) -> None:
-    """Bring the schema up to this kbstore's, in one transaction; an SQLite file is copied first, beside itself.
+    """Upgrade the schema to that of this kbstore, in one transaction. An SQLite file is first copied, next to itself.
 
     Examples:
         kbstore db upgrade --url robot.db
@@ -46,7 +46,7 @@ def downgrade(
     url: Url = None,
     as_json: Json = False,
 ) -> None:
-    """Bring the schema back to an earlier revision, for an earlier kbstore.
+    """Go back to an earlier revision of the schema, for an earlier kbstore.
 
     Examples:
         kbstore db downgrade 0001 --url robot.db
@@ -70,13 +70,13 @@ def current(schema: Schema = None, url: Url = None, as_json: Json = False) -> No
 
 def check(
     wait: Annotated[
-        float, typer.Option("--wait", metavar="SECONDS", help="How long to wait for the store to be ready.", min=0)
+        float, typer.Option("--wait", metavar="SECONDS", help="Wait up to this long for the store to be ready.", min=0)
     ] = 0,
     schema: Schema = None,
     url: Url = None,
     as_json: Json = False,
 ) -> None:
-    """Succeed if the store can be reached and has the schema that this kbstore needs; for start-up scripts.
+    """Succeed if the store can be reached and has the required schema; for start-up scripts.
 
     Examples:
         kbstore db check --url robot.db
@@ -87,21 +87,27 @@ def check(
 
 
 def history(as_json: Json = False) -> None:
-    """List the revisions of the schema that this kbstore has.
+    """List the revisions of the schema that this kbstore knows.
 
     Examples:
         kbstore db history
     """
     revisions = [revision._asdict() for revision in schemas.history()]
     rows = [(revision["number"], revision["title"]) for revision in revisions]
-    answer(revisions, as_json=as_json, view=lambda: table("", ("revision", "what it brought"), rows))
+    answer(revisions, as_json=as_json, view=lambda: table("", ("revision", "change"), rows))
 
 
 def _migrated(done: schemas.Migrated, as_json: bool) -> None:
     copy = None if done.copy is None else str(done.copy)
     report = {"before": done.before, "after": done.after, "copy": copy}
-    before, after = (f"schema {revision}" if revision else "no schema" for revision in (done.before, done.after))
-    said = f"{after}, as it was" if before == after else f"{before} became {after}"
+    if done.before == done.after:
+        said = f"schema {done.after or 'none'}, unchanged"
+    elif done.before is None:
+        said = f"schema {done.after} was created"
+    elif done.after is None:
+        said = f"schema {done.before} was removed"
+    else:
+        said = f"schema {done.before} was changed to {done.after}"
     if copy:
-        said += f"; what was before is in {copy}"
+        said += f"; the store as it was before is in {copy}"
     answer(report, as_json=as_json, view=lambda: said)

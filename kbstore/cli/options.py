@@ -1,4 +1,4 @@
-"""The options that all commands share, and the knowledge base that they mean."""
+"""Options shared by all commands, and the knowledge base that they name."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -13,13 +13,13 @@ from kbstore.errors import KbStoreError, StoreUnavailable
 from kbstore.knowledge_base import KnowledgeBase
 
 STORE = "Store"
-"""The panel of the help that has the options of `Url`, `Kb`, `Now`."""
+"""The panel of the help for `Url`, `Kb` and `Now`."""
 
 TIMES = "TIME is ISO 8601 with an offset, now, -5m, +1h30m, or nanoseconds."
 
 
 def known_names(ctx: typer.Context) -> list[str]:
-    """The knowledge bases of the store, for completion in the shell."""
+    """The knowledge bases of the store, for shell completion."""
     try:
         return kbstore.knowledge_bases(ctx.find_root().params.get("url") or ctx.params.get("url") or "")
     except (KbStoreError, OSError):
@@ -41,7 +41,7 @@ Kb = Annotated[
     typer.Option(
         "--kb",
         metavar="NAME",
-        help="The knowledge base; not needed where the store has only one. [KBSTORE_KB]",
+        help="The knowledge base; not needed if the store has only one. [KBSTORE_KB]",
         rich_help_panel=STORE,
         show_default=False,
         autocompletion=known_names,
@@ -52,31 +52,31 @@ Now = Annotated[
     typer.Option(
         "--now",
         metavar="TIME",
-        help="What to take as now, for simulated clocks: a time, or last for the latest that is recorded.",
+        help="The time to take as now, for simulated clocks; last is the latest recorded time.",
         rich_help_panel=STORE,
         show_default=False,
     ),
 ]
 Json = Annotated[bool, typer.Option("--json", help="Answer in JSON.", rich_help_panel=STORE, show_default=False)]
 
-At = Annotated[str | None, typer.Option("--at", metavar="TIME", help=f"At which time; now without it. {TIMES}")]
+At = Annotated[str | None, typer.Option("--at", metavar="TIME", help=f"The time to ask about (default: now). {TIMES}")]
 AsOf = Annotated[
-    str | None, typer.Option("--as-of", metavar="TIME", help="As it was believed at that time, about any other.")
+    str | None, typer.Option("--as-of", metavar="TIME", help="Answer with what was believed at this time.")
 ]
 Since = Annotated[
     str | None,
-    typer.Option("--since", metavar="TIME", help=f"From which time on; without it, all. {TIMES}"),
+    typer.Option("--since", metavar="TIME", help=f"The beginning of the span (default: all history). {TIMES}"),
 ]
-Until = Annotated[str | None, typer.Option("--until", metavar="TIME", help="Until which time.")]
+Until = Annotated[str | None, typer.Option("--until", metavar="TIME", help="The end of the span.")]
 Starting = Annotated[
-    str | None, typer.Option("--at", metavar="TIME", help=f"The time from which it counts; now without it. {TIMES}")
+    str | None, typer.Option("--at", metavar="TIME", help=f"The time from which it holds (default: now). {TIMES}")
 ]
-Client = Annotated[str, typer.Option("--client", metavar="NAME", help="Who says so; kept with the transaction.")]
-Note = Annotated[str, typer.Option("--note", metavar="TEXT", help="Why; kept with the transaction.")]
+Client = Annotated[str, typer.Option("--client", metavar="NAME", help="Who writes; recorded with the transaction.")]
+Note = Annotated[str, typer.Option("--note", metavar="TEXT", help="Why; recorded with the transaction.")]
 
 
 def store(url: str | None) -> str:
-    """The store that is meant; refused if none is named."""
+    """The store; refused if none is named."""
     if not url:
         raise StoreUnavailable("which store? name it with --url FILE (or a SQLAlchemy URL), or set KBSTORE_URL")
     return url
@@ -92,21 +92,23 @@ def asked(url: str | None, kb: str | None, now: str | None) -> Iterator[Knowledg
 
 
 @contextmanager
-def told(url: str | None, kb: str | None, now: str | None) -> Iterator[KnowledgeBase]:
-    """The knowledge base, opened for writing; made if the store does not have it."""
+def told(url: str | None, kb: str | None, now: str | None, *, creating: bool = True) -> Iterator[KnowledgeBase]:
+    """The knowledge base, opened for writing; if the store does not have it, it is created, or else refused."""
     place = store(url)
     try:
         names = kbstore.knowledge_bases(place)
     except KbStoreError:
-        # there is nothing yet, or opening it for writing tells what is wrong
+        if not creating:
+            raise
+        # there is no store yet, or opening it for writing reports what is wrong
         names = []
-    name = kb or (_named(None, names, place) if names else "default")
+    name = kb if creating and kb else _named(kb, names, place) if names or not creating else "default"
     with kbstore.open(place, name, clock=_clock(place, name, now)) as found:
         yield found
 
 
 def at_time(text: str | None, kb: KnowledgeBase) -> int | None:
-    """The time that an option names; None where it was not given."""
+    """The time that an option gives; None if it was not given."""
     return None if text is None else parse_time(text, kb.now())
 
 
@@ -126,6 +128,6 @@ def _clock(place: str, name: str, now: str | None) -> Clock:
         return SystemClock()
     if now != "last":
         return ManualClock(parse_time(now, SystemClock().now()))
-    # in questions now is never before what was recorded last
+    # in questions, now is never before the latest recorded time
     with kbstore.open(place, name, clock=ManualClock(), read_only=True) as kb:
         return ManualClock(kb.now())

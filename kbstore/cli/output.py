@@ -1,6 +1,7 @@
-"""Where answers go: tables for people, JSON for programs, and progress on standard error."""
+"""Output: tables for people, JSON for programs, progress on standard error."""
 
 import json
+import re
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -13,14 +14,17 @@ from kbstore.report import values
 from kbstore.report.tables import show
 
 Progress = Callable[[int, int], None]
-"""Told how much is done, and of how much."""
+"""Called with how much is done, and of how much."""
+
+_NOT_SHOWN = re.compile(r"[^\n -~]")
+"""Characters that may not be printable; JSON itself has escaped the other control characters."""
 
 _UNLIMITED = 100_000
-"""The width where there is no terminal: no line is folded that another program is going to read."""
+"""The width without a terminal, so that no line that a program reads is folded."""
 
 
 def console() -> Console:
-    """Standard output: with colours and folded to its width if it is a terminal."""
+    """Standard output; on a terminal with colours, and folded to its width."""
     found = Console(highlight=False, soft_wrap=False)
     if not found.is_terminal:
         found.width = _UNLIMITED
@@ -30,20 +34,26 @@ def console() -> Console:
 def answer(found: object, *, as_json: bool, view: Callable[[], RenderableType | str]) -> None:
     """Print an answer: as JSON, or as its view."""
     if as_json:
-        sys.stdout.write(json.dumps(values.plain(found), ensure_ascii=False, indent=2) + "\n")
+        sys.stdout.write(_dumps(found, indent=2) + "\n")
     else:
         show(console(), view())
 
 
 def json_line(found: object) -> None:
     """Print an answer as one line of JSON, at once."""
-    sys.stdout.write(json.dumps(values.plain(found), ensure_ascii=False) + "\n")
+    sys.stdout.write(_dumps(found) + "\n")
     sys.stdout.flush()
+
+
+def _dumps(found: object, indent: int | None = None) -> str:
+    """JSON in which whatever a terminal would obey is escaped; letters of all scripts stay readable."""
+    text = json.dumps(values.plain(found), ensure_ascii=False, indent=indent)
+    return _NOT_SHOWN.sub(lambda found: found[0] if found[0].isprintable() else json.dumps(found[0])[1:-1], text)
 
 
 @contextmanager
 def working(what: str) -> Iterator[Progress]:
-    """On a terminal, a bar while something is being done; what it yields is told how much is done, and of how much."""
+    """Show a progress bar on a terminal; yields what to call with how much is done, and of how much."""
     columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
     shown = Console(stderr=True)
     with Bar(*columns, console=shown, transient=True, disable=not shown.is_terminal) as bar:

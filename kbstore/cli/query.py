@@ -1,4 +1,4 @@
-"""Questions about one moment: ``state``, ``holds``, ``value``, ``explain``, ``applicable``."""
+"""Questions about one time: ``state``, ``holds``, ``value``, ``explain``, ``applicable``."""
 
 from typing import Annotated
 
@@ -21,9 +21,9 @@ Condition = Annotated[
 def state(
     at: At = None, as_of: AsOf = None, url: Url = None, kb: Kb = None, now: Now = None, as_json: Json = False
 ) -> None:
-    """Show everything that stood, stands or is expected to stand at a time.
+    """Show everything that holds at a time: past, now, or expected.
 
-    With --as-of, as it was believed at that time: what was scheduled then, and what ran, has its expected effects.
+    With --as-of, show what was believed at that time, with the expected effects of what was scheduled or running then.
 
     Examples:
         kbstore state
@@ -49,7 +49,7 @@ def holds(
     now: Now = None,
     as_json: Json = False,
 ) -> None:
-    """Say whether a fact or a condition is true.
+    """Show whether a fact or a condition is true.
 
     Exits with 0 if it is true, 1 if it is false, 3 if it is unknown.
 
@@ -97,7 +97,7 @@ def explain(
     now: Now = None,
     as_json: Json = False,
 ) -> None:
-    """Say why a fact or a condition is true, false or unknown, since when, and who made it so.
+    """Show why a fact or a condition is true, false or unknown, since when, and who made it so.
 
     Examples:
         kbstore explain "(open lab_door)"
@@ -122,7 +122,7 @@ def applicable(
     now: Now = None,
     as_json: Json = False,
 ) -> None:
-    """Say whether an action can be applied, and if not, what stands against it since when.
+    """Show whether an action can be applied, and if not, which conditions fail since when.
 
     Exits with 0 if it can, 1 if it cannot.
 

@@ -1,4 +1,4 @@
-"""Times as they are typed: those of `kbstore.clock.time`, and nanoseconds in digits."""
+"""Times and durations as typed: those of `kbstore.clock.time`, and nanoseconds in digits; ``30s``, ``1m30s``."""
 
 import re
 
@@ -23,3 +23,15 @@ def parse_time(text: str, now: int) -> int:
         return time(typed, now)
     except InvalidTime as error:
         raise InvalidTime(f"{str(error).partition(';')[0]}; {ADVICE}") from None
+
+
+def parse_duration(text: str) -> int:
+    """Return a duration in nanoseconds. It needs units, so that nobody takes seconds for nanoseconds.
+
+    >>> parse_duration("1m30s")
+    90000000000
+    """
+    try:
+        return time(f"+{text.strip()}", 0)
+    except InvalidTime:
+        raise InvalidTime(f"{text!r} is not a duration; write it with units, like 30s, 1m30s or 250ms") from None

@@ -1,4 +1,4 @@
-"""What changes a knowledge base: ``load``, ``add``, ``remove``, ``goal``, ``metric``."""
+"""Commands that change a knowledge base: ``load``, ``add``, ``remove``, ``goal``, ``metric``."""
 
 import re
 from pathlib import Path
@@ -14,7 +14,7 @@ from kbstore.model.results import Transaction
 from kbstore.report.tables import plural
 
 Items = Annotated[
-    list[str], typer.Argument(help="Knowledge in PDDL, each piece in quotes.", metavar="ITEM...", show_default=False)
+    list[str], typer.Argument(help="Knowledge in PDDL, each item in quotes.", metavar="ITEM...", show_default=False)
 ]
 Goals = Annotated[
     list[str], typer.Argument(help="Goals in PDDL, each in quotes.", metavar="GOAL...", show_default=False)
@@ -36,7 +36,7 @@ def load(
 ) -> None:
     """Load a domain and a problem from PDDL files, in one transaction.
 
-    A problem adds to what stands. Its timed-initial knowledge is relative to now.
+    A problem adds to what is known. Its timed-initial knowledge is relative to now.
 
     Examples:
         kbstore --url robot.db --kb kenny load domain.pddl problem.pddl
@@ -45,7 +45,7 @@ def load(
     domain, problem = _domain_and_problem(files)
     with told(url, kb, now) as found, working(f"loading {' '.join(path.name for path in files)}"):
         done = found.load(domain, problem, replace=replace, client=client, note=note)
-    _recorded(done, as_json)
+    recorded(done, as_json)
 
 
 def add(
@@ -58,9 +58,9 @@ def add(
     now: Now = None,
     as_json: Json = False,
 ) -> None:
-    """Add knowledge: objects, facts of both signs, values of functions; all or nothing.
+    """Add knowledge: objects, facts of both signs, values of functions. All or nothing.
 
-    What is added --at a later time is scheduled: it is known now, and takes effect then.
+    Knowledge that is added --at a later time is scheduled: it is recorded now, and takes effect then.
 
     Examples:
         kbstore add "wp7 - waypoint" "(visited wp7)" --client mapper
@@ -70,7 +70,7 @@ def add(
     """
     with told(url, kb, now) as found:
         done = found.add(*items, initial_time=at_time(at, found), client=client, note=note)
-    _recorded(done, as_json)
+    recorded(done, as_json)
 
 
 def remove(
@@ -83,9 +83,9 @@ def remove(
     now: Now = None,
     as_json: Json = False,
 ) -> None:
-    """Remove what matches; ? matches any object. An object takes with it what mentions it.
+    """Remove what matches; ? matches any object. Removing an object removes what mentions it.
 
-    What is scheduled for a later time is cancelled by naming exactly that time with --at.
+    To cancel scheduled knowledge, give exactly its time with --at.
 
     Examples:
         kbstore remove "(carries kenny ?)"
@@ -94,7 +94,7 @@ def remove(
     """
     with told(url, kb, now) as found:
         done = found.remove(*items, initial_time=at_time(at, found), client=client, note=note)
-    _recorded(done, as_json)
+    recorded(done, as_json)
 
 
 def goal_add(
@@ -107,7 +107,7 @@ def goal_add(
     now: Now = None,
     as_json: Json = False,
 ) -> None:
-    """Add to the goal. A conjunction is split into its parts.
+    """Add goals. A conjunction is split into its parts.
 
     Examples:
         kbstore goal add "(delivered blood lab)" "(docked kenny)"
@@ -115,7 +115,7 @@ def goal_add(
     """
     with told(url, kb, now) as found:
         done = found.add_goal(*goals, initial_time=at_time(at, found), client=client, note=note)
-    _recorded(done, as_json)
+    recorded(done, as_json)
 
 
 def goal_remove(
@@ -128,14 +128,14 @@ def goal_remove(
     now: Now = None,
     as_json: Json = False,
 ) -> None:
-    """Remove from the goal; ? matches any object.
+    """Remove goals; ? matches any object.
 
     Examples:
         kbstore goal remove "(delivered ? lab)"
     """
     with told(url, kb, now) as found:
         done = found.remove_goal(*goals, initial_time=at_time(at, found), client=client, note=note)
-    _recorded(done, as_json)
+    recorded(done, as_json)
 
 
 def metric(
@@ -167,20 +167,21 @@ def metric(
     with told(url, kb, now) as found:
         change = found.remove_metric if remove else found.add_metric
         done = change(*texts, initial_time=at_time(at, found), client=client, note=note)
-    _recorded(done, as_json)
+    recorded(done, as_json)
 
 
-def _recorded(done: Transaction, as_json: bool) -> None:
+def recorded(done: Transaction, as_json: bool) -> None:
+    """Report a transaction, or that nothing changed."""
     said = (
         f"transaction {done.number} at {isoformat(done.time)}: {plural(done.changes, 'change')}"
         if done.changes
-        else f"nothing changed; the latest transaction is still {done.number}"
+        else f"nothing changed; the latest transaction is {done.number}"
     )
     answer(done, as_json=as_json, view=lambda: said)
 
 
 def _domain_and_problem(files: list[Path]) -> tuple[Path | None, Path | None]:
-    """Which of one or two files is a domain, and which a problem."""
+    """Tell domain and problem apart among one or two files."""
     problems = [path for path in files if _is_problem(path)]
     domains = [path for path in files if path not in problems]
     if len(problems) > 1 or len(domains) > 1:
@@ -190,7 +191,7 @@ def _domain_and_problem(files: list[Path]) -> tuple[Path | None, Path | None]:
 
 
 def _is_problem(path: Path) -> bool:
-    """Whether a file begins as a problem does; what begins otherwise is left to the reader of domains to judge."""
+    """Whether a file begins like a problem; the domain reader judges any other."""
     with path.open(encoding="utf-8", errors="replace") as file:
         start = re.sub(r";[^\n]*", "", file.read(100_000))
     return re.match(r"\s*\(\s*define\s*\(\s*problem\b", start, re.IGNORECASE) is not None

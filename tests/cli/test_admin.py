@@ -37,7 +37,7 @@ def test_export_and_import_restore_everything(run, tmp_path):
     lines, other = tmp_path / "kenny.jsonl", tmp_path / "other.db"
     assert run("export", "--format", "json", "--output", lines).code == 0
     done = run("import", lines, "--url", other, "--kb", "ken")
-    assert done.out == f"ken is restored from {lines}\n"
+    assert done.out == f"ken was restored from {lines}\n"
     assert run("history", "(open lab_door)", "--url", other).out == run("history", "(open lab_door)").out
     assert run("state", "--at", ALARM, "--as-of", "2026-05-04T09:00:45Z", "--url", other, "--json").json["facts"]
     again = run("import", lines, "--url", other, "--kb", "ken")

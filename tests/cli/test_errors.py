@@ -1,6 +1,13 @@
 """Errors on the command line: one line on standard error, exit 2, nothing else."""
 
+import json
+import unicodedata
+from pathlib import Path
+
 import pytest
+
+import kbstore
+from kbstore.cli.errors import IN_PYTHON
 
 NESTED = "(not " * 20_000 + "(open lab_door)" + ")" * 20_000
 
@@ -114,3 +121,43 @@ def test_nor_what_a_client_wrote_into_a_note(run, store):
         shown = run(*command, "--url", store)
         assert "a\\x1b[31mb" in shown.out
         assert shown.out.replace("\n", "").isprintable()
+
+
+def test_json_is_harmless_too(run, store):
+    """Whatever a terminal would obey is escaped; letters of other scripts stay, and programs read what was written."""
+    note = "\x1b[31m \x9b1m \u202e \u2028 \x7f \U000e0041 \U0001f916 Röntgen 机器人"
+    run("add", "(open lab_door)", "--note", note, "--url", store)
+    for command in (["changes", "--after", "25", "--json"], ["explain", "(open lab_door)", "--json"]):
+        shown = run(*command, "--url", store).out
+        assert not [char for char in shown if char != "\n" and unicodedata.category(char).startswith(("C", "Zl", "Zp"))]
+        assert "Röntgen 机器人" in shown
+    assert json.loads(shown)["transaction"]["note"] == note
+
+
+@pytest.mark.parametrize("advice", IN_PYTHON)
+def test_advice_in_python_is_still_given(advice):
+    """Each advice that is turned into a command is in some message, word by word."""
+    sources = "".join(
+        path.read_text() for path in Path(kbstore.__file__).parent.rglob("*.py") if "cli" not in path.parts
+    )
+    assert advice.partition("(")[0] in sources
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["value", "(battery"], "a ')' is missing"),
+        (["start", "pick_up", "kenny", "blood", "office"], "; kbstore apply does all of it"),
+        (["apply", "drive", "kenny", "home", "office"], "; kbstore start it, and kbstore end it when it is done"),
+        (["start", "charge", "kenny"], "; give one, for instance --duration 30s"),
+        (["export", "--domain", "--url", "empty.db"], "; load one: kbstore load domain.pddl"),
+    ],
+)
+def test_advice_is_given_in_commands(run, arguments, said, tmp_path, monkeypatch):
+    """Errors on the command line speak of commands, not of Python."""
+    monkeypatch.chdir(tmp_path)
+    run("add", "a - place", "--url", "empty.db")
+    done = run(*arguments)
+    assert done.code == 2
+    assert said in done.err
+    assert not [word for word in ("kb.", "()", "kbstore.") if word in done.err]

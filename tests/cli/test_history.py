@@ -27,7 +27,7 @@ def test_history_in_a_span(run):
         ("(robot_at kenny lab)", moment("09:04:50"), moment("09:05:10"))
     ]
     assert listed[0]["recorded"]["number"] == 16
-    assert run("history", "(delivered linen ?)").out == "nothing was said of it in that span\n"
+    assert run("history", "(delivered linen ?)").out == "nothing is recorded of it in that span\n"
 
 
 def test_when_lists_intervals(run):

@@ -23,9 +23,9 @@ def test_an_old_store_is_refused_and_upgraded(run, store):
     assert f"kbstore db upgrade --url sqlite:///{store}" in refused.err
     assert run("db", "check", "--wait", "0.1", "--url", store).code == 2
     up = run("db", "upgrade", "--url", store)
-    assert up.out.startswith(f"schema 0001 became schema {HEAD}; what was before is in {store}.0001.")
+    assert up.out.startswith(f"schema 0001 was changed to {HEAD}; the store as it was before is in {store}.0001.")
     assert run("history", "(open lab_door)", "--url", store).out == before
-    assert run("db", "upgrade", "--url", store).out == f"schema {HEAD}, as it was\n"
+    assert run("db", "upgrade", "--url", store).out == f"schema {HEAD}, unchanged\n"
 
 
 def test_no_backup(run, store):
@@ -38,8 +38,8 @@ def test_a_store_is_set_up(run, tmp_path):
     new = tmp_path / "new.db"
     assert run("db", "current", "--url", new).code == 2
     assert not new.exists()
-    assert run("db", "upgrade", "--url", new).out == f"no schema became schema {HEAD}\n"
-    assert run("kbs", "--url", new).out == "no knowledge base yet\n"
+    assert run("db", "upgrade", "--url", new).out == f"schema {HEAD} was created\n"
+    assert run("kbs", "--url", new).out == "there is no knowledge base yet\n"
 
 
 @pytest.mark.parametrize("revision", ["9999", "nonsense"])

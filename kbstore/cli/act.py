@@ -1,0 +1,147 @@
+"""Commands that execute actions: ``apply``, ``start``, ``end``, ``abort``."""
+
+from typing import Annotated
+
+import typer
+
+from kbstore.cli.options import Client, Json, Kb, Note, Now, Url, told
+from kbstore.cli.output import answer
+from kbstore.cli.times import parse_duration
+from kbstore.cli.write import recorded
+from kbstore.clock import isoformat
+from kbstore.errors import NotApplicable
+from kbstore.knowledge_base import KnowledgeBase
+from kbstore.model.results import Run
+from kbstore.names import key
+from kbstore.report import values
+
+Operator = Annotated[str, typer.Argument(help="The name of an action of the domain.")]
+Arguments = Annotated[list[str] | None, typer.Argument(help="Its arguments, in order.", show_default=False)]
+
+
+def apply(
+    operator: Operator,
+    arguments: Arguments = None,
+    client: Client = "",
+    note: Note = "",
+    url: Url = None,
+    kb: Kb = None,
+    now: Now = None,
+    as_json: Json = False,
+) -> None:
+    """Apply an instantaneous action: all of its effects, in one transaction.
+
+    Examples:
+        kbstore apply pick_up kenny blood office --client mission
+    """
+    with told(url, kb, now, creating=False) as found:
+        done = found.apply(operator, *(arguments or []), client=client, note=note)
+    recorded(done, as_json)
+
+
+def start(
+    operator: Operator,
+    arguments: Arguments = None,
+    duration: Annotated[
+        str | None,
+        typer.Option(
+            "--duration", metavar="TIME", help="How long it will take: 30s, 1m30s. Not needed if it is fixed."
+        ),
+    ] = None,
+    force: Annotated[
+        bool, typer.Option("--force", help="Start it even if the domain does not allow the duration.")
+    ] = False,
+    client: Client = "",
+    note: Note = "",
+    url: Url = None,
+    kb: Kb = None,
+    now: Now = None,
+    as_json: Json = False,
+) -> None:
+    """Start a durative action: its at-start effects happen, and its continuous effects begin.
+
+    Examples:
+        kbstore start drive kenny home office
+        kbstore start charge kenny --duration 5m --client charger
+    """
+    lasting = None if duration is None else parse_duration(duration)
+    with told(url, kb, now, creating=False) as found:
+        with found.transaction(client=client, note=note) as tx:
+            run = tx.start(operator, *(arguments or []), duration=lasting, force=force)
+        done = tx.result
+    report = {"run": values.plain(run), "transaction": values.plain(done)}
+    said = f"transaction {done.number} at {isoformat(done.time)}: {_action(run)} started"
+    said += f", its end is expected at {isoformat(run.expected_end)}"
+    if run.forced:
+        said += f"; forced against {', '.join(run.forced)}"
+    answer(report, as_json=as_json, view=lambda: said)
+
+
+def end(
+    operator: Operator,
+    arguments: Arguments = None,
+    client: Client = "",
+    note: Note = "",
+    url: Url = None,
+    kb: Kb = None,
+    now: Now = None,
+    as_json: Json = False,
+) -> None:
+    """End a running action: its at-end effects happen, and its continuous effects stop.
+
+    The arguments may be left out if only one such action is running.
+
+    Examples:
+        kbstore end drive
+        kbstore end drive kenny home office --note "arrived"
+    """
+    with told(url, kb, now, creating=False) as found:
+        run = _running(found, operator, arguments)
+        done = found.end(run, client=client, note=note)
+    report = {"run": values.plain(run), "transaction": values.plain(done), "failing": values.each(done.failing)}
+    said = [f"transaction {done.number} at {isoformat(done.time)}: {_action(run)} ended"]
+    said += [f"at its end, {failing.condition} is {failing.truth}" for failing in done.failing]
+    answer(report, as_json=as_json, view=lambda: "\n".join(said))
+
+
+def abort(
+    operator: Operator,
+    arguments: Arguments = None,
+    client: Client = "",
+    note: Note = "",
+    url: Url = None,
+    kb: Kb = None,
+    now: Now = None,
+    as_json: Json = False,
+) -> None:
+    """Abort a running action: its continuous effects stop, and nothing else happens.
+
+    The arguments may be left out if only one such action is running.
+
+    Examples:
+        kbstore abort charge --note "called away"
+    """
+    with told(url, kb, now, creating=False) as found:
+        run = _running(found, operator, arguments)
+        done = found.abort(run, client=client, note=note)
+    report = {"run": values.plain(run), "transaction": values.plain(done)}
+    said = f"transaction {done.number} at {isoformat(done.time)}: {_action(run)} aborted"
+    answer(report, as_json=as_json, view=lambda: said)
+
+
+def _running(kb: KnowledgeBase, operator: str, arguments: list[str] | None) -> Run:
+    """The run that is meant; refused if there is none, or more than one."""
+    kb.domain.operator(operator)
+    wanted = [key(name) for name in arguments or []]
+    running = [run for run in kb.state().running if key(run.operator) == key(operator)]
+    if wanted:
+        running = [run for run in running if [key(name) for name in run.arguments] == wanted]
+    if not running:
+        raise NotApplicable(f"({' '.join((operator, *(arguments or [])))}) is not running; see kbstore state")
+    if len(running) > 1:
+        raise NotApplicable(f"which {operator}? {', '.join(map(_action, running))} are running; give the arguments")
+    return running[0]
+
+
+def _action(run: Run) -> str:
+    return f"({' '.join((run.operator, *run.arguments))})"
