@@ -1,15 +1,17 @@
 """Forks: a child process opens its own connections, and leaves its parent's alone.
 
-Of SQLite it must not even keep them: SQLite remembers the locks on a file per process, in memory that a fork copies
-and locks that it does not. Beside an inherited connection, a new one takes it that the process has its locks
-already; the parent, closing its own, believes to be the last, and deletes the log that the child writes to (see
+It must not even keep those of SQLite, which remembers the locks on a file per process, in memory that a fork copies,
+and locks that it does not. A connection opened next to an inherited one assumes that the process already holds its
+locks; when the parent closes its own, it thinks it is the last user and deletes the log that the child writes to (see
 section 2.6 of https://www.sqlite.org/howtocorrupt.html). So a child first of all closes the files that it inherits.
-That is safe only while nobody is within SQLite: the fork waits for other threads to leave it, and the parent goes on
-when the child is done.
+
+A connection can be closed only if no other thread of the parent was within SQLite at the fork: that thread is gone in
+the child, with the mutexes that it held. So a fork waits until other threads have left SQLite: no time at all if none
+is in it, and `PATIENCE` at most. The parent does not wait for the child: to others in the file, the child's closing
+looks like that of any process that has it open and idle.
 """
 
 import os
-import select
 import threading
 import time
 import weakref
@@ -19,9 +21,6 @@ from kbstore.errors import StoreUnavailable
 
 PATIENCE = 1.0
 """Seconds that a fork waits for what other threads do in SQLite, before it goes on without."""
-
-_HANDSHAKE = 5.0
-"""Seconds that the parent waits for the child to have closed what it inherited."""
 
 
 class Connections(Protocol):
@@ -42,9 +41,8 @@ _one_at_a_time = threading.Lock()
 
 
 class _Fork:
-    """The fork under way, and what came of it in this process."""
+    """What came of the fork under way, or of the one that made this process."""
 
-    pipe: tuple[int, int] | None = None
     is_quiet = True
     is_unsafe = False
 
@@ -68,18 +66,9 @@ def _before() -> None:
     deadline = time.monotonic() + PATIENCE
     held = [database.hold(deadline) for database in list(_databases)]
     _Fork.is_quiet = all(held)
-    _Fork.pipe = os.pipe() if held else None
 
 
 def _in_parent() -> None:
-    if _Fork.pipe is not None:
-        reading, writing = _Fork.pipe
-        os.close(writing)
-        waiting = select.poll()
-        # what comes is the end of the pipe: the child has closed it, or there is none
-        waiting.register(reading, select.POLLIN)
-        waiting.poll(_HANDSHAKE * 1000)
-        os.close(reading)
     for database in list(_databases):
         database.let_go()
     _one_at_a_time.release()
@@ -88,9 +77,6 @@ def _in_parent() -> None:
 def _in_child() -> None:
     done = [database.forget_parent(is_quiet=_Fork.is_quiet) for database in list(_databases)]
     _Fork.is_unsafe = _Fork.is_unsafe or not all(done)
-    if _Fork.pipe is not None:
-        for end in _Fork.pipe:
-            os.close(end)
     _one_at_a_time.release()
 
 

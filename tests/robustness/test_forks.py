@@ -260,6 +260,34 @@ def test_forking_while_threads_work(kb):
     assert texts(kb) == {"(by parent)", *(f"(by child{number})" for number in range(6))}
 
 
+def test_a_fork_waits_for_nobody_who_is_not_within_sqlite(kb):
+    """Where no other thread is within the store, neither the fork waits nor the parent for what the child closes."""
+
+    class Slow:
+        """Connections that a child takes long to close."""
+
+        def hold(self, deadline):
+            return deadline > 0
+
+        def let_go(self):
+            pass
+
+        def forget_parent(self, *, is_quiet):
+            time.sleep(2)
+            return is_quiet
+
+    slow = Slow()
+    forks.register(slow)
+    before = time.monotonic()
+    child = Child(kb.add, "(by child)")
+    assert time.monotonic() - before < 1
+    kb.add("(by parent_again)")
+    assert time.monotonic() - before < 1.5
+    del slow
+    assert child.done()
+    assert texts(kb) == {"(by parent)", "(by parent_again)", "(by child)"}
+
+
 def test_a_fork_in_the_middle_of_another_threads_transaction(path, monkeypatch):
     """Where another thread does not leave SQLite in time, the child is told that it can't use files of SQLite.
 

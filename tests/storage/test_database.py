@@ -3,6 +3,8 @@
 import re
 import sqlite3
 import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
 
 import psycopg
 import pytest
@@ -11,8 +13,8 @@ from sqlalchemy.pool import SingletonThreadPool, StaticPool
 
 import kbstore
 from kbstore.errors import StoreUnavailable
-from kbstore.storage.connection import unavailable
 from kbstore.storage.database import Database
+from kbstore.storage.driver_errors import unavailable
 from kbstore.storage.engine import make_engine
 from kbstore.storage.statements import Statement
 
@@ -52,24 +54,33 @@ def test_durability_is_sqlites_synchronous(path, durability, synchronous):
 
 @pytest.mark.parametrize(("durability", "synchronous"), [("full", "on"), ("normal", "off")])
 def test_durability_is_postgresqls_synchronous_commit(postgresql_url, durability, synchronous):
-    """On PostgreSQL it is synchronous_commit; who waits for a lock waits as long as on SQLite."""
+    """On PostgreSQL it is synchronous_commit, and lock_timeout that of SQLite; both last for a transaction only."""
     database = Database(postgresql_url, durability=durability, busy_timeout=2.5)
-    with database.connect() as session:
-        assert settings(session.driver) == {
-            "synchronous_commit": synchronous,
-            "lock_timeout": "2500ms",
-            "default_transaction_read_only": "off",
-        }
+    with database.connect() as connection:
+        before = settings(connection.driver)
+        with database.begin() as writing:
+            assert settings(writing.driver) == {
+                "synchronous_commit": synchronous,
+                "lock_timeout": "2500ms",
+                "default_transaction_read_only": "off",
+            }
+        assert settings(connection.driver) == before
     database.close()
 
 
 def test_read_only_is_held_by_the_database_itself(path, postgresql_url):
     """A read-only connection refuses to change anything, whatever is tried on it."""
-    kbstore.open(path).close()
     for url in (path, postgresql_url):
+        kbstore.open(url).close()
+    change = Statement("UPDATE knowledge_bases SET name = 'other' RETURNING name")
+    for url, refusal in ((path, "readonly database"), (postgresql_url, "read-only transaction")):
         database = Database(url, read_only=True)
-        with pytest.raises(StoreUnavailable), database.connect() as session:
-            session.run(Statement("UPDATE knowledge_bases SET name = 'other'"), {})
+        for transaction in (database.read, database.begin):
+            with pytest.raises(StoreUnavailable, match=refusal), transaction() as connection:
+                connection.first(change, {})
+        for use in (lambda connection: connection.run(change, {}), lambda connection: connection.many(change, [{}])):
+            with pytest.raises(StoreUnavailable, match="read_only=True"), database.connect() as connection:
+                use(connection)
         database.close()
 
 
@@ -143,24 +154,117 @@ def test_closing_one_knowledge_base_leaves_the_engine_to_others(path):
     engine.dispose()
 
 
+def in_thread(act):
+    """Do something in another thread, and raise what it raises."""
+    with ThreadPoolExecutor(1) as thread:
+        return thread.submit(act).result(30)
+
+
+@pytest.mark.parametrize("backend", ["file", "postgresql"])
+def test_a_connection_of_the_callers_is_checked_out_for_each_operation(backend, path, request):
+    """A pool of one serves any number of threads in turn, and the caller itself between two operations."""
+    url = f"sqlite:///{path}" if backend == "file" else request.getfixturevalue("postgresql_url")
+    engine = sa.create_engine(url, pool_size=1, max_overflow=0, pool_timeout=20)
+    with kbstore.open(engine, "in turn") as kb, kbstore.open(engine, "in turn") as other:
+        kb.add("(= (counter) 0)")
+
+        def increase(kb):
+            for _ in range(10):
+                kb.add("(increase (counter) 1)")
+                assert kb.state().value("(counter)") > 0
+
+        with ThreadPoolExecutor(6) as threads:
+            for done in [threads.submit(increase, each) for each in (kb, other) * 3]:
+                done.result(30)
+        assert kb.value("(counter)") == 60
+        assert engine.pool.checkedout() == 0
+        with engine.connect() as connection:
+            assert connection.exec_driver_sql("SELECT count(*) FROM functions").scalar()
+    engine.dispose()
+
+
 def test_a_pool_without_connections_is_told_of(path):
-    """Where the caller's pool has none left, the error says that kbstore keeps one for each thread."""
+    """Where the caller's pool has none left, the error says so, and how to have more."""
     engine = sa.create_engine(f"sqlite:///{path}", pool_size=1, max_overflow=0, pool_timeout=0.05)
-    kb = kbstore.open(engine)
-    kb.add("(raining)")
-    errors = []
+    with kbstore.open(engine) as kb:
+        kb.add("(raining)")
+        with (
+            kb.transaction() as transaction,
+            pytest.raises(StoreUnavailable, match=r"all connections of the pool are in use .* make the pool larger"),
+        ):
+            in_thread(lambda: kb.holds("(raining)"))
+        assert transaction.result.changes == 0
+        assert in_thread(lambda: kb.holds("(raining)"))
+    engine.dispose()
+
+
+def connections(url):
+    """How many connections there are to a database, the one that asks aside."""
+    with psycopg.connect(url.replace("+psycopg", ""), autocommit=True) as admin:
+        # one that was closed just now may still be on its way out
+        for _ in range(100):
+            count = admin.execute(
+                "SELECT count(*) FROM pg_stat_activity WHERE datname = current_database() AND pid <> pg_backend_pid()"
+                " AND backend_type = 'client backend'"
+            ).fetchone()[0]
+            if not count:
+                break
+            time.sleep(0.01)
+        return count
+
+
+def test_knowledge_bases_of_a_server_share_a_pool(empty_database):
+    """50 knowledge bases that five threads ask hold at most `pool_size` connections; closed, none is left."""
+    url = f"{empty_database}{'&' if '?' in empty_database else '?'}pool_size=3"
+    kbs = [kbstore.open(url, f"kb{number}") for number in range(50)]
+    together = threading.Barrier(5)
 
     def ask():
-        with pytest.raises(StoreUnavailable, match="one for each thread") as refusal:
-            kb.holds("(raining)")
-        errors.append(refusal)
+        together.wait(20)
+        for kb in kbs:
+            kb.add("(raining)")
+            assert kb.state().holds("(raining)")
 
-    other = threading.Thread(target=ask)
-    other.start()
-    other.join()
-    assert errors
-    kb.close()
-    engine.dispose()
+    with ThreadPoolExecutor(5) as threads:
+        for done in [threads.submit(ask) for _ in range(5)]:
+            done.result(60)
+    assert 1 <= connections(empty_database) <= 3
+    for kb in kbs:
+        kb.close()
+    assert connections(empty_database) == 0
+
+
+def test_all_connections_to_a_server_are_in_use(empty_database):
+    """Where `pool_size` connections are in use, the next operation waits for one; above the time-out it is refused."""
+    url = f"{empty_database}{'&' if '?' in empty_database else '?'}pool_size=1"
+    with kbstore.open(url, busy_timeout=0.2) as kb, kbstore.open(url, "other", busy_timeout=0.2) as other:
+        with kb.transaction() as transaction:
+            transaction.add("(raining)")
+            assert not kb.holds("(raining)")
+            with pytest.raises(StoreUnavailable, match=r"all 1 connections .* more than 0\.2 s; .* pool_size"):
+                in_thread(lambda: other.holds("(raining)"))
+        assert not in_thread(lambda: other.holds("(raining)"))
+        assert kb.holds("(raining)")
+
+
+@pytest.mark.parametrize(
+    ("parameter", "expected"),
+    [("pool_size=0", "from 1 on"), ("pool_size=many", "from 1 on"), ("prepare_threshold=off", "from 0 on, or none")],
+)
+def test_parameters_of_a_url_that_make_no_sense(parameter, expected):
+    """A parameter of kbstore's own in the URL of a server is refused in words before anything is connected."""
+    with pytest.raises(StoreUnavailable, match=f"{parameter} in the URL of a store: .*{expected}"):
+        kbstore.open(f"postgresql://127.0.0.1:9/none?{parameter}")
+
+
+@pytest.mark.parametrize(("parameter", "prepared"), [("none", None), ("0", 0), ("7", 7)])
+def test_prepared_statements_by_url(postgresql_url, parameter, prepared):
+    """`prepare_threshold=none` in the URL turns prepared statements off; a number is psycopg's."""
+    with kbstore.open(f"{postgresql_url}&prepare_threshold={parameter}", "prepared") as kb:
+        kb.add("(raining)")
+        assert kb.holds("(raining)")
+        with kb._database.connect() as connection:
+            assert connection.driver.prepare_threshold == prepared
 
 
 def test_many_threads_need_no_larger_pool(path):
@@ -180,12 +284,12 @@ def test_many_threads_need_no_larger_pool(path):
     for thread in threads:
         thread.join()
     assert answers == [True] * 40
-    assert len(kb._database._sessions) == 41
+    assert len(kb._database._connections._open) == 41
     ask_again = threading.Thread(target=kb.holds, args=("(raining)",))
     ask_again.start()
     ask_again.join()
     # those of threads that are gone were dropped when the next came
-    assert len(kb._database._sessions) == 2
+    assert len(kb._database._connections._open) == 2
     kb.close()
 
 
@@ -261,8 +365,8 @@ def sqlite_error(code, text="reason"):
         (sqlite_error(sqlite3.SQLITE_BUSY_SNAPSHOT), "has been locked"),
         (sqlite_error(sqlite3.SQLITE_LOCKED_SHAREDCACHE), "has been locked"),
         (sqlite_error(sqlite3.SQLITE_PROTOCOL), "has been locked"),
-        (sqlite_error(sqlite3.SQLITE_CORRUPT), "store is damaged, or no SQLite database .* backup"),
-        (sqlite_error(sqlite3.SQLITE_NOTADB), "store is damaged, or no SQLite database"),
+        (sqlite_error(sqlite3.SQLITE_CORRUPT), "store is damaged, or not an SQLite database .* backup"),
+        (sqlite_error(sqlite3.SQLITE_NOTADB), "store is damaged, or not an SQLite database"),
         (sqlite_error(sqlite3.SQLITE_READONLY_DBMOVED), "reason; .* read_only=True"),
         (sqlite_error(sqlite3.SQLITE_FULL), "store: reason; what was committed before is intact"),
         (sqlite_error(sqlite3.SQLITE_IOERR_WRITE), "store: reason; what was committed before is intact"),

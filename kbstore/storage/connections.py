@@ -1,0 +1,269 @@
+"""Who has which connection: what all kinds have in common, and one for each thread to an SQLite file."""
+
+import os
+import threading
+import time
+from abc import ABC, abstractmethod
+from typing import Any
+
+from sqlalchemy import Engine
+from sqlalchemy.exc import DBAPIError
+from sqlalchemy.exc import TimeoutError as PoolTimeout
+from sqlalchemy.pool import StaticPool
+
+from kbstore.errors import StoreUnavailable
+from kbstore.storage import forks
+from kbstore.storage.connection import Options, StoreConnection, inherited
+from kbstore.storage.driver_errors import unavailable
+from kbstore.storage.sqlite_connection import SqliteConnection
+
+
+class Connections(ABC):
+    """The connections of one `Database`.
+
+    `checkout` gives the calling thread its connection, the same one within an operation that is under way; `checkin`
+    ends the use. After `close` nothing is checked out any more; a connection that is in use is closed when its use
+    ends.
+    """
+
+    def __init__(self, engine: Engine, options: Options) -> None:
+        self.engine = engine
+        self.is_closed = False
+        self._options = options
+        self._is_sqlite = engine.dialect.name == "sqlite"
+        self._file: tuple[int, int] | None = None
+        self._local = threading.local()
+        self._open: set[StoreConnection] = set()
+        self._opening = threading.RLock()
+        """Held where a thread gets its first connection, and during a fork."""
+        self._held: list[Any] = []
+        self._is_forking = False
+        forks.register(self)
+
+    @abstractmethod
+    def checkout(self) -> StoreConnection:
+        """This thread's connection, to be checked in."""
+
+    @abstractmethod
+    def checkin(self, connection: StoreConnection) -> None:
+        """End a use of a connection."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Close what nobody uses, and let nobody check out any more."""
+
+    def _refuse_closed(self) -> None:
+        if self.is_closed:
+            raise StoreUnavailable("this knowledge base is closed; open it again with kbstore.open()")
+
+    def _acquire(self, lock: Any) -> None:
+        """Wait for a connection that threads use in turn; for one that is this thread's own, there is no waiting."""
+        if not (lock.acquire(blocking=False) or lock.acquire(timeout=self._options.busy_timeout)):
+            raise StoreUnavailable(
+                f"{self._options.store} has been used by another thread for more than "
+                f"{self._options.busy_timeout:g} s; end its transaction, or open the store with a longer busy_timeout"
+            )
+
+    def refuse_another_file(self, connection: StoreConnection) -> None:
+        """Raise where another store has taken the file's place: what is known of the first is not true of it."""
+        if self._file is None:
+            self._file = connection.file
+        if connection.file != self._file:
+            raise self.moved()
+
+    def moved(self) -> StoreUnavailable:
+        """The refusal of a file that is another one now."""
+        return StoreUnavailable(
+            f"{self._options.store} has been moved, deleted or replaced since it was opened; put the file back, or "
+            "open what is there now with kbstore.open()"
+        )
+
+    def failure(self, error: Exception) -> StoreUnavailable:
+        """What to raise for an error of SQLAlchemy or of the driver, also one of connecting."""
+        if isinstance(error, PoolTimeout):
+            return StoreUnavailable(
+                f"{self._options.store}: all connections of the pool are in use ({error}); end transactions sooner, "
+                "or make the pool larger: pool_size in the URL, or of the engine"
+            )
+        original = error.orig if isinstance(error, DBAPIError) and error.orig is not None else error
+        return unavailable(original, self._options.store, self._options.busy_timeout)
+
+    # -- forks ------------------------------------------------------------------------------------------------
+
+    def _locks(self) -> list[Any]:
+        """What is held by threads that are within SQLite."""
+        return [connection.lock for connection in self._open]
+
+    def hold(self, deadline: float) -> bool:
+        """Before a fork: keep other threads out of SQLite; False if they don't leave it until a deadline."""
+
+        def held(lock: Any) -> bool:
+            found: bool = lock.acquire(timeout=max(0.0, deadline - time.monotonic()))
+            if found:
+                self._held.append(lock)
+            return found
+
+        if not self._is_sqlite:
+            # a server is spoken to by whoever has the connection
+            return True
+        self._is_forking = True
+        return held(self._opening) and all(map(held, self._locks()))
+
+    def let_go(self) -> None:
+        """After a fork: other threads may go on."""
+        self._is_forking = False
+        while self._held:
+            self._held.pop().release()
+
+    def forget_parent(self, *, is_quiet: bool) -> bool:
+        """In a forked child: leave the parent's connections, and begin with none.
+
+        Returns whether all files that the parent had open could be closed, which needs a fork that was quiet.
+        """
+        # rolling back what the parent has written would do so in the log that both have
+        closing = is_quiet and self._is_sqlite and not any(connection.has_unsettled for connection in self._open)
+        for connection in self._open:
+            # otherwise the pool would close it when it is collected
+            connection.handle.detach()
+            connection.abandon(close=closing)
+        # idle connections in a pool: files are closed, too, a server is not spoken to
+        if not closing:
+            inherited.append(self.engine.pool)
+        self.engine.dispose(close=closing)
+        self._open = set()
+        self._local = threading.local()
+        self._opening = threading.RLock()
+        self._held = []
+        self._is_forking = False
+        return closing or not self._is_sqlite
+
+
+class ThreadConnections(Connections):
+    """The connections of an SQLite engine of kbstore's own: one for each thread, for as long as the thread lives.
+
+    What a thread that is gone has left is closed when another thread opens its own. A store in memory has one
+    connection, which threads use in turn.
+    """
+
+    def __init__(self, engine: Engine, options: Options) -> None:
+        super().__init__(engine, options)
+        self._has_one = isinstance(engine.pool, StaticPool)
+        self._one: StoreConnection | None = None
+        self._threads: dict[StoreConnection, threading.Thread] = {}
+        self._is_in_memory = False
+
+    def _mine(self) -> StoreConnection | None:
+        found: StoreConnection | None = self._one if self._has_one else getattr(self._local, "connection", None)
+        return found
+
+    def checkout(self) -> StoreConnection:
+        """This thread's connection, opened where there is none; to be checked in."""
+        while True:
+            connection = self._mine()
+            if connection is None or self.is_closed:
+                connection = self._connect()
+            if self._is_forking and not connection.uses:
+                # after the fork, which would otherwise hardly get hold of what a busy thread takes again and again
+                with self._opening:
+                    pass
+            # taken by another thread of a store in memory, by a fork, or by `close`
+            self._acquire(connection.lock)
+            connection.uses += 1
+            if not self.is_closed:
+                return connection
+            self.checkin(connection)
+
+    def checkin(self, connection: StoreConnection) -> None:
+        """End a use of a connection; one that is lost, or of a store that was closed meanwhile, is closed."""
+        connection.uses -= 1
+        if connection.is_lost and not connection.uses:
+            self._drop(connection)
+        connection.lock.release()
+        if self.is_closed:
+            # not before: who closes at that very moment would find it locked, and leave it open
+            self._drop_unused(connection)
+
+    def _connect(self) -> StoreConnection:
+        with self._opening:
+            self._refuse_closed()
+            if self._one is not None:
+                return self._one
+            forks.refuse_unsafe()
+            try:
+                handle = self.engine.raw_connection()
+            except DBAPIError as error:
+                raise self.failure(error) from error
+            driver: Any = handle.driver_connection
+            driver.isolation_level = None
+            path = os.path.abspath(self.engine.url.database or "")
+            connection = SqliteConnection(driver, self._options, path=path)
+            connection.handle = handle
+            try:
+                connection.configure()
+                self.refuse_another_file(connection)
+                if connection.path is not None and not self._options.read_only:
+                    connection.use_write_ahead_log()
+            except BaseException:
+                handle.invalidate()
+                raise
+            self._is_in_memory = connection.path is None
+            self._drop_those_of_dead_threads()
+            self._open.add(connection)
+            if self._has_one:
+                self._one = connection
+            else:
+                self._local.connection = connection
+                self._threads[connection] = threading.current_thread()
+            return connection
+
+    def _drop_those_of_dead_threads(self) -> None:
+        for connection, thread in list(self._threads.items()):
+            if not thread.is_alive():
+                self._drop(connection)
+
+    def _drop_unused(self, connection: StoreConnection) -> bool:
+        """Close a connection that nobody uses; False if somebody does, who is to do so when done."""
+        if not connection.lock.acquire(blocking=False):
+            return False
+        try:
+            if connection.uses:
+                return False
+            self._drop(connection)
+            return True
+        finally:
+            connection.lock.release()
+
+    def _drop(self, connection: StoreConnection) -> None:
+        with self._opening:
+            if connection not in self._open:
+                return
+            self._open.remove(connection)
+            self._threads.pop(connection, None)
+            if self._one is connection:
+                self._one = None
+        if getattr(self._local, "connection", None) is connection:
+            del self._local.connection
+        connection.handle.invalidate()
+
+    def close(self) -> None:
+        """Close the connections; a transaction that a thread has under way may go on to its end."""
+        with self._opening:
+            if self.is_closed:
+                return
+            self.is_closed = True
+            connections = list(self._open)
+        dropped = [self._drop_unused(connection) for connection in connections]
+        if all(dropped):
+            self.engine.dispose()
+
+    def forget_parent(self, *, is_quiet: bool) -> bool:
+        """In a forked child: leave the parent's connections, and begin with none; what is in memory is a copy."""
+        if not self._is_in_memory:
+            self._one = None
+            self._threads = {}
+            return super().forget_parent(is_quiet=is_quiet)
+        self.let_go()
+        if not is_quiet:
+            self._one = None
+            self._open = set()
+        return is_quiet

@@ -1,0 +1,99 @@
+"""A connection to a PostgreSQL server: settings that last for a transaction, so that a pooler may share it.
+
+Nothing is set for the session. Behind a pooler in transaction mode the next transaction runs on another server
+connection, and what was set on this one would reach other clients.
+"""
+
+import json
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from operator import attrgetter
+from typing import Any
+
+from kbstore.storage.connection import Options, Parameters, SqlRow, StoreConnection
+from kbstore.storage.statements import Lookup, Statement
+
+_ROWS = 2000
+"""How many rows of a stream are fetched at once."""
+
+
+class PostgresqlConnection(StoreConnection):
+    """A connection to a PostgreSQL server."""
+
+    is_local = False
+
+    def __init__(self, driver: Any, options: Options, error: type[Exception]) -> None:
+        """`error` is the root of the driver's errors."""
+        super().__init__(driver, options, error, attrgetter("postgresql"))
+
+    def look_up(self, statement: Lookup, *parameters: int) -> SqlRow | None:
+        """The first row of a look-up, if any."""
+        return self.first(statement, dict(zip(statement.names, parameters, strict=True)))
+
+    def stream(self, statement: Statement, parameters: Parameters) -> Iterator[SqlRow]:
+        """The rows one after another, without holding all of them in memory; within a transaction."""
+        try:
+            with self._cursor(name="kbstore_rows") as cursor:
+                cursor.itersize = _ROWS
+                yield from cursor.execute(self._text(statement), parameters)
+        except self._error as error:
+            raise self._failure(error) from error
+
+    @contextmanager
+    def together(self) -> Iterator[None]:
+        """Send statements that need no answer at once; what goes wrong with one is raised at the end."""
+        try:
+            with self.driver.pipeline():
+                yield
+        except self._error as error:
+            raise self._failure(error) from error
+
+    def array(self, values: Sequence[Any]) -> list[Any]:
+        """An array parameter."""
+        return list(values)
+
+    def bounds(self, values: Sequence[int | None]) -> str:
+        """The same for numbers, as text: to be made once and used by many statements."""
+        return json.dumps(values).replace("[", "{").replace("]", "}")
+
+    def timeline_ids(self, count: int) -> Sequence[int]:
+        """Numbers for new timelines."""
+        sequence = "SELECT nextval(pg_get_serial_sequence('timelines', 'id')) FROM generate_series(1, %s)"
+        try:
+            return [row[0] for row in self._execute(sequence, (count,)).fetchall()]
+        except self._error as error:
+            raise self._failure(error) from error
+
+    def begin(self, *, write: bool) -> None:
+        """Begin a transaction, with its settings in the same message: for writing, or on one snapshot.
+
+        Whether a server may be written to is left to the server (a standby, `default_transaction_read_only`).
+        """
+        if not write:
+            self._begin("BEGIN ISOLATION LEVEL REPEATABLE READ READ ONLY")
+        elif self.options.read_only:
+            self._begin("BEGIN ISOLATION LEVEL READ COMMITTED READ ONLY")
+        else:
+            # 0 would be for ever
+            patience = max(1, int(self.options.busy_timeout * 1000))
+            waits = "on" if self.options.durability == "full" else "off"
+            self._begin(
+                "BEGIN ISOLATION LEVEL READ COMMITTED;"
+                f" SET LOCAL lock_timeout = {patience}; SET LOCAL synchronous_commit = {waits}",
+                # several commands cannot be
+                prepare=False,
+            )
+
+    def _note(self, error: Exception) -> None:
+        del error
+        self.is_lost = self.is_lost or bool(self.driver.closed)
+
+    def is_alive(self) -> bool:
+        """Whether the connection can be used: what a server says unasked, or that it is gone, has arrived by now."""
+        try:
+            # never waits; once for what the server said, and once more for the end of the connection
+            self.driver.pgconn.consume_input()
+            self.driver.pgconn.consume_input()
+        except self._error:
+            self.is_lost = True
+        return not self.is_lost

@@ -1,0 +1,197 @@
+"""A connection to an SQLite store: its settings, its locks, and the file behind it."""
+
+import json
+import os
+import sqlite3
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
+from operator import attrgetter
+from typing import Any
+
+from kbstore.storage.connection import AnswerCache, Options, Parameters, SqlRow, StoreConnection
+from kbstore.storage.driver_errors import LASTING, sqlite_code
+from kbstore.storage.statements import Lookup, Statement
+
+_LOG_LIMIT = 64 * 1024 * 1024
+"""Bytes to which the write-ahead log is cut back once its pages are in the file."""
+
+
+class SqliteConnection(StoreConnection):
+    """A connection to an SQLite store; with `lent`, one of the caller's, whose settings are restored."""
+
+    is_local = True
+
+    def __init__(self, driver: Any, options: Options, *, lent: bool = False, path: str | None = None) -> None:
+        """`path` is that of the store's URL."""
+        super().__init__(driver, options, sqlite3.Error, attrgetter("sqlite"))
+        self._lent = lent
+        self._before: dict[str, Any] = {}
+        self._memory = AnswerCache()
+        self._data_version = -1
+        opened = self._open_file()
+        self.file = file_at(opened)
+        # a path that is relative, or a URI, may mean another file here; a link is to lead to this one from now on
+        self.path = path if opened is not None and file_at(path) == self.file else opened
+
+    # -- settings ---------------------------------------------------------------------------------------------
+
+    def configure(self) -> None:
+        """Set what kbstore needs; on a connection that is lent, what only a writer needs is set when one begins."""
+        settings: dict[str, Any] = {"busy_timeout": int(self.options.busy_timeout * 1000)}
+        if self.options.read_only:
+            settings["query_only"] = 1
+        if not self._lent:
+            # functions in views of a file from elsewhere are not to be run
+            settings |= self._for_writing() | {"cache_size": -65536, "trusted_schema": 0}
+            settings["journal_size_limit"] = _LOG_LIMIT
+        self._set(settings)
+
+    def _for_writing(self) -> dict[str, Any]:
+        is_full = self.options.durability == "full"
+        # on macOS only fullfsync waits for the disk itself
+        return {"foreign_keys": 1, "synchronous": 2 if is_full else 1, "fullfsync": int(is_full)}
+
+    def _set(self, settings: Mapping[str, Any]) -> None:
+        try:
+            for name, value in settings.items():
+                if self._lent and name not in self._before:
+                    self._before[name] = self._execute(f"PRAGMA {name}").fetchone()[0]
+                self._execute(f"PRAGMA {name} = {value}").fetchone()
+        except self._error as error:
+            raise self._failure(error) from error
+
+    def restore(self) -> None:
+        """Set back what was changed on a connection that is lent."""
+        try:
+            for name, value in self._before.items():
+                self._execute(f"PRAGMA {name} = {value}").fetchone()
+        except self._error:
+            self.is_lost = True
+
+    def use_write_ahead_log(self) -> None:
+        """Readers and a writer don't wait for each other; a property of the file.
+
+        Where several connections change it at once SQLite does not wait, whatever its time-out is.
+        """
+        deadline = time.monotonic() + self.options.busy_timeout
+        while True:
+            try:
+                self._execute("PRAGMA journal_mode = WAL").fetchone()
+            except sqlite3.OperationalError as error:
+                if sqlite_code(error) != sqlite3.SQLITE_BUSY or time.monotonic() >= deadline:
+                    raise self._failure(error) from error
+                time.sleep(0.01)
+            else:
+                return
+
+    # -- statements -------------------------------------------------------------------------------------------
+
+    def memory(self) -> AnswerCache:
+        """The answers remembered on this connection, dropped first if another one has committed since.
+
+        Right outside of transactions, and only where nobody else writes on this very connection. Source:
+        https://www.sqlite.org/pragma.html#pragma_data_version
+        """
+        try:
+            version: int = self._execute("PRAGMA data_version").fetchone()[0]
+        except self._error as error:
+            raise self._failure(error) from error
+        if version != self._data_version:
+            self._data_version = version
+            self._memory.clear()
+        return self._memory
+
+    def look_up(self, statement: Lookup, *parameters: int) -> SqlRow | None:
+        """The first row of a look-up, if any."""
+        try:
+            row: SqlRow | None = self._execute(statement.sqlite, parameters).fetchone()
+        except self._error as error:
+            raise self._failure(error) from error
+        return row
+
+    def stream(self, statement: Statement, parameters: Parameters) -> Iterator[SqlRow]:
+        """The rows one after another, without holding all of them in memory; within a transaction."""
+        try:
+            yield from self._execute(statement.sqlite, parameters)
+        except self._error as error:
+            raise self._failure(error) from error
+
+    def together(self) -> AbstractContextManager[None]:
+        """Nothing is sent anywhere."""
+        return nullcontext()
+
+    def array(self, values: Sequence[Any]) -> str:
+        """A JSON array, which ``json_each`` reads."""
+        return json.dumps(values)
+
+    def bounds(self, values: Sequence[int | None]) -> str:
+        """The same for numbers."""
+        return json.dumps(values)
+
+    def timeline_ids(self, count: int) -> Sequence[int]:
+        """Numbers for new timelines; the writer is alone, so they follow the last."""
+        try:
+            row = self._execute("SELECT coalesce(max(id), 0) FROM timelines").fetchone()
+        except self._error as error:
+            raise self._failure(error) from error
+        return range(row[0] + 1, row[0] + 1 + count)
+
+    # -- transactions -----------------------------------------------------------------------------------------
+
+    def begin(self, *, write: bool) -> None:
+        """Begin a transaction: for writing, with SQLite's only write lock; for reading, on one snapshot."""
+        if write and self._lent:
+            self._set(self._for_writing())
+        self._begin("BEGIN IMMEDIATE" if write else "BEGIN")
+
+    def commit(self) -> None:
+        """Commit the transaction."""
+        super().commit()
+        # data_version does not tell of this connection's own commits
+        self._memory.clear()
+
+    def _must_roll_back(self) -> bool:
+        # after some errors (a full disk) SQLite has rolled back by itself
+        return bool(self.driver.in_transaction)
+
+    def _note(self, error: Exception) -> None:
+        self.is_lost = self.is_lost or sqlite_code(error) in LASTING
+
+    def _has_rolled_back(self) -> bool:
+        return not self.driver.in_transaction
+
+    # -- the file ---------------------------------------------------------------------------------------------
+
+    def _open_file(self) -> str | None:
+        """The path of the file that SQLite has open; None where it has none."""
+        try:
+            files = {name: path for _, name, path in self._execute("PRAGMA database_list").fetchall()}
+        except self._error as error:
+            raise self._failure(error) from error
+        return files["main"] or None
+
+    def has_moved(self) -> bool:
+        """Whether its file is not to be found any more where it was opened; SQLite would not notice."""
+        return self.file is not None and self.file != file_at(self.path)
+
+    def abandon(self, *, close: bool) -> None:
+        """In a forked child: leave the connection to the parent; `close` a file that nobody uses in this process.
+
+        Closing is not to look after the log, which is the parent's.
+        """
+        if close and hasattr(self.driver, "setconfig"):
+            # from Python 3.12 on
+            self.driver.setconfig(sqlite3.SQLITE_DBCONFIG_NO_CKPT_ON_CLOSE, True)  # type: ignore[attr-defined,unused-ignore]
+        super().abandon(close=close)
+
+
+def file_at(path: str | None) -> tuple[int, int] | None:
+    """Which file is at a path now."""
+    if path is None:
+        return None
+    try:
+        found = os.stat(path)
+    except OSError:
+        return None
+    return found.st_dev, found.st_ino

@@ -1,0 +1,133 @@
+"""Behind a pooler in transaction mode no client's settings reach another: a test double everywhere, PgBouncer too."""
+
+import os
+import shutil
+import signal
+import subprocess
+import tempfile
+import time
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+import psycopg
+import pytest
+import sqlalchemy as sa
+from sqlalchemy.pool import NullPool
+
+import kbstore
+from tests.robustness.pooler import pooled
+
+PGBOUNCER = shutil.which("pgbouncer", path=f"{os.environ.get('PATH', '')}:/usr/sbin:/usr/local/sbin")
+
+
+def server_is_ours(url):
+    """Whether the server of the tests listens in the file system, where the poolers look for it."""
+    return "host" in sa.make_url(url).query
+
+
+@contextmanager
+def bounced(url):
+    """The URL of a database through PgBouncer, with one server connection that all clients share."""
+    direct = sa.make_url(url)
+    with tempfile.TemporaryDirectory(prefix="pb", dir="/tmp") as directory:
+        # PgBouncer does not run as root: as who has the server it may reach the server's socket
+        owner = os.stat(direct.query["host"]).st_uid
+        os.chown(directory, owner, -1)
+        Path(directory, "pgbouncer.ini").write_text(
+            f"[databases]\n"
+            f"x = host={direct.query['host']} dbname={direct.database} user={direct.username} pool_size=1\n"
+            f"[pgbouncer]\npool_mode = transaction\nlisten_addr =\nunix_socket_dir = {directory}\n"
+            f"listen_port = 6432\nauth_type = any\nlogfile = {directory}/log\npidfile = {directory}/pid\n"
+        )
+        command = [PGBOUNCER, "-q", f"{directory}/pgbouncer.ini"]
+        if os.geteuid() == 0:
+            command = ["setpriv", "--reuid", str(owner), "--clear-groups", *command]
+        with subprocess.Popen(command, stderr=subprocess.DEVNULL) as process:
+            try:
+                for _ in range(100):
+                    if Path(directory, ".s.PGSQL.6432").exists():
+                        break
+                    time.sleep(0.05)
+                yield f"postgresql+psycopg://{direct.username}@/x?host={directory}&port=6432&prepare_threshold=none"
+            finally:
+                process.send_signal(signal.SIGTERM)
+                with suppress(subprocess.TimeoutExpired):
+                    process.wait(10)
+                process.kill()
+
+
+@pytest.fixture(params=["double", "pgbouncer"])
+def pooled_url(request, empty_database):
+    """A URL through a pooler, to a database of its own."""
+    if not server_is_ours(empty_database):
+        pytest.skip("the server named by KBSTORE_TEST_POSTGRESQL_URL is not reached by a socket of the file system")
+    if request.param == "double":
+        with pooled(empty_database) as (url, pooler):
+            yield url
+            assert pooler.transactions > 5
+        return
+    if PGBOUNCER is None:
+        pytest.skip("pgbouncer is not installed (Debian: apt install pgbouncer)")
+    with bounced(empty_database) as url:
+        yield url
+
+
+def session_settings(url):
+    """What a new client finds set, on each of the server's connections."""
+    dsn = sa.make_url(url).set(drivername="postgresql").difference_update_query(["prepare_threshold"])
+    found = set()
+    with psycopg.connect(
+        dsn.render_as_string(hide_password=False), autocommit=True, prepare_threshold=None
+    ) as connection:
+        for _ in range(4):
+            row = connection.execute(
+                "SELECT current_setting('default_transaction_read_only'), current_setting('synchronous_commit'),"
+                " current_setting('lock_timeout'), current_setting('search_path')"
+            ).fetchone()
+            found.add(row)
+    return found
+
+
+def test_settings_of_one_client_do_not_reach_another(pooled_url):
+    """What is read-only, or waits for no disk, is one client's own; others write as ever, and nothing is left set."""
+    before = session_settings(pooled_url)
+    with kbstore.open(pooled_url, "pooled") as writer:
+        writer.add("(raining)")
+        with kbstore.open(pooled_url, "pooled", read_only=True) as reader:
+            assert reader.state().holds("(raining)")
+            assert reader.holds("(raining)")
+            writer.add("(open hall)")
+        with kbstore.open(pooled_url, "pooled", durability="normal", busy_timeout=3) as careless:
+            careless.add("(open galley)")
+            writer.add("(open cellar)")
+            assert len(careless.state().facts) == 4
+        assert session_settings(pooled_url) == before
+
+
+def test_an_engine_of_the_callers_through_a_pooler(pooled_url):
+    """The same by an engine whose driver prepares nothing."""
+    before = session_settings(pooled_url)
+    url = sa.make_url(pooled_url).difference_update_query(["prepare_threshold"])
+    engine = sa.create_engine(url, connect_args={"prepare_threshold": None}, poolclass=NullPool)
+    with kbstore.open(engine, "pooled", durability="normal") as kb:
+        kb.add("(raining)")
+        with kbstore.open(engine, "pooled", read_only=True) as reader:
+            assert reader.holds("(raining)")
+        kb.add("(open hall)")
+    assert session_settings(pooled_url) == before
+    engine.dispose()
+
+
+def test_a_day_behind_a_pooler(pooled_url):
+    """Loading, many questions of each kind, history, export: nothing depends on the connection that came before."""
+    with kbstore.open(pooled_url, "pooled") as kb, kbstore.open(pooled_url, "pooled") as other:
+        kb.load("(define (domain d) (:types room) (:predicates (open ?r - room)) (:functions (n)))")
+        kb.add("hall - room", "galley - room", "(= (n) 0)")
+        for number in range(12):
+            kb.add("(open hall)" if number % 2 else "(not (open hall))")
+            other.add("(increase (n) 1)")
+            assert kb.holds("(open hall)") is bool(number % 2)
+            assert kb.value("(n)") == number + 1
+        assert len(kb.history("(open hall)")) == 12
+        assert len(list(kb.changes())) == 26
+        assert kb.state() is not None
