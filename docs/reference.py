@@ -18,6 +18,7 @@ GROUPS = {
         "State",
         "Transaction",
         "Assertion",
+        "Assertions",
         "Change",
         "Diff",
         "Explanation",

@@ -53,6 +53,7 @@ from kbstore.messages import (
 from kbstore.model.results import (
     Applicability,
     Assertion,
+    Assertions,
     Change,
     Diff,
     Ended,
@@ -74,6 +75,7 @@ __all__ = [
     "Applicability",
     "Archived",
     "Assertion",
+    "Assertions",
     "AssignOp",
     "Change",
     "Clock",

@@ -182,7 +182,7 @@ class DomainFormulas(tuple[DomainFormula, ...]):
         raise KeyError(wanted)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class MessageDomain(Domain):
     """A domain that also has its predicates, functions and operators as messages. Public as `kbstore.Domain`."""
 

@@ -20,7 +20,7 @@ from kbstore.messages import Expression, Fact, Function, Goal, Instance, Knowled
 from kbstore.model.results import (
     Applicability,
     AsOf,
-    Assertion,
+    Assertions,
     Change,
     Diff,
     Ended,
@@ -459,9 +459,7 @@ class KnowledgeBase:
 
     # -- over time --------------------------------------------------------------------------------------------
 
-    def history(
-        self, pattern: Knowledge, since: TimeLike | None = None, until: TimeLike | None = None
-    ) -> list[Assertion]:
+    def history(self, pattern: Knowledge, since: TimeLike | None = None, until: TimeLike | None = None) -> Assertions:
         """The assertions that match a pattern, in order of time; ``?`` matches any object (rule Q3)."""
         return self._history.assertions(pattern, since, until)
 

@@ -11,9 +11,9 @@ from kbstore.cli.write import recorded
 from kbstore.clock import isoformat
 from kbstore.errors import NotApplicable
 from kbstore.knowledge_base import KnowledgeBase
+from kbstore.model.plain import each, plain
 from kbstore.model.results import Run
 from kbstore.names import key
-from kbstore.report import values
 
 Operator = Annotated[str, typer.Argument(help="The name of an action of the domain.")]
 Arguments = Annotated[list[str] | None, typer.Argument(help="Its arguments, in order.", show_default=False)]
@@ -69,7 +69,7 @@ def start(
         with found.transaction(client=client, note=note) as tx:
             run = tx.start(operator, *(arguments or []), duration=lasting, force=force)
         done = tx.result
-    report = {"run": values.plain(run), "transaction": values.plain(done)}
+    report = {"run": plain(run), "transaction": plain(done)}
     said = f"transaction {done.number} at {isoformat(done.time)}: {_action(run)} started"
     said += f", its end is expected at {isoformat(run.expected_end)}"
     if run.forced:
@@ -98,7 +98,7 @@ def end(
     with told(url, kb, now, creating=False) as found:
         run = _running(found, operator, arguments)
         done = found.end(run, client=client, note=note)
-    report = {"run": values.plain(run), "transaction": values.plain(done), "failing": values.each(done.failing)}
+    report = {"run": plain(run), "transaction": plain(done), "failing": each(done.failing)}
     said = [f"transaction {done.number} at {isoformat(done.time)}: {_action(run)} ended"]
     said += [f"at its end, {failing.condition} is {failing.truth}" for failing in done.failing]
     answer(report, as_json=as_json, view=lambda: "\n".join(said))
@@ -124,7 +124,7 @@ def abort(
     with told(url, kb, now, creating=False) as found:
         run = _running(found, operator, arguments)
         done = found.abort(run, client=client, note=note)
-    report = {"run": values.plain(run), "transaction": values.plain(done)}
+    report = {"run": plain(run), "transaction": plain(done)}
     said = f"transaction {done.number} at {isoformat(done.time)}: {_action(run)} aborted"
     answer(report, as_json=as_json, view=lambda: said)
 

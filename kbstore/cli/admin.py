@@ -15,7 +15,7 @@ from kbstore.cli.times import parse_time
 from kbstore.clock import ManualClock, isoformat
 from kbstore.demo import mission, tour
 from kbstore.knowledge_base import KnowledgeBase
-from kbstore.report import values
+from kbstore.model.plain import plain, times
 from kbstore.report.tables import plural, table
 from kbstore.report.time_format import TimeFormat
 
@@ -50,7 +50,7 @@ def kbs(url: Url = None, now: Now = None, as_json: Json = False) -> None:
                     "name": name,
                     "domain": domain,
                     "use_unknowns": kb.use_unknowns,
-                    **values.times(last_time=latest.at, history_from=kb.history_from),
+                    **times(last_time=latest.at, history_from=kb.history_from),
                     "objects": len(latest.instances),
                     "facts": len(latest.facts),
                 }
@@ -163,7 +163,7 @@ def archive(
     """
     with told(url, kb, now) as found, working(f"archiving to {file.name}") as progress:
         done = found.archive(parse_time(before, found.now()), file, progress=progress)
-    report = {"file": str(done.path), "rows": done.rows, **values.times(history_from=done.history_from)}
+    report = {"file": str(done.path), "rows": done.rows, **times(history_from=done.history_from)}
     said = (
         f"{file}: {plural(done.rows, 'row')} moved; the history in the store begins at {isoformat(done.history_from)}"
         if done.rows
@@ -187,7 +187,7 @@ def demo(
         return
     path = tour.unused(file)
     with mission.record(f"sqlite:///{path}") as kb:
-        report = {"file": str(path), "name": kb.name, **values.times(last_time=kb.now())}
+        report = {"file": str(path), "name": kb.name, **times(last_time=kb.now())}
     json_line(report)
 
 
@@ -203,7 +203,7 @@ def _exported(kb: KnowledgeBase, form: Format, at: int | None, as_of: int | None
         return kb.domain_to_pddl()
     if form is Format.PDDL:
         return kb.to_pddl(at, as_of)
-    return json.dumps(values.plain(kb.state(at, as_of)), ensure_ascii=False, indent=2) + "\n"
+    return json.dumps(plain(kb.state(at, as_of)), ensure_ascii=False, indent=2) + "\n"
 
 
 def _write(text: str, output: Path | None) -> dict[str, int]:

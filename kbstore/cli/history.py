@@ -9,10 +9,10 @@ from kbstore.cli.output import answer, console, json_line
 from kbstore.cli.query import Condition
 from kbstore.cli.times import parse_time
 from kbstore.knowledge_base import KnowledgeBase
+from kbstore.model.plain import each
 from kbstore.report import records
 from kbstore.report.tables import show
 from kbstore.report.time_format import TimeFormat
-from kbstore.report.values import each
 
 
 def history(
@@ -60,7 +60,7 @@ def when(
     with asked(url, kb, now) as found:
         last = at_time(until, found)
         spans = found.when(condition, _beginning(since, found), found.now() if last is None else last)
-        answer(spans, as_json=as_json, view=lambda: records.intervals_table(spans, TimeFormat(found.now())))
+        answer(spans.to_dicts(), as_json=as_json, view=lambda: records.intervals_table(spans, TimeFormat(found.now())))
 
 
 def diff(

@@ -10,7 +10,7 @@ from rich.console import Console, RenderableType
 from rich.progress import BarColumn, TaskProgressColumn, TextColumn, TimeElapsedColumn
 from rich.progress import Progress as Bar
 
-from kbstore.report import values
+from kbstore.model.plain import plain
 from kbstore.report.tables import show
 
 Progress = Callable[[int, int], None]
@@ -47,7 +47,7 @@ def json_line(found: object) -> None:
 
 def _dumps(found: object, indent: int | None = None) -> str:
     """JSON in which whatever a terminal would obey is escaped; letters of all scripts stay readable."""
-    text = json.dumps(values.plain(found), ensure_ascii=False, indent=indent)
+    text = json.dumps(plain(found), ensure_ascii=False, indent=indent)
     return _NOT_SHOWN.sub(lambda found: found[0] if found[0].isprintable() else json.dumps(found[0])[1:-1], text)
 
 

@@ -7,7 +7,8 @@ import typer
 from kbstore.cli.options import AsOf, At, Json, Kb, Now, Url, asked, at_time
 from kbstore.cli.output import answer
 from kbstore.messages import Truth, format_number
-from kbstore.report import records, states, values
+from kbstore.model.plain import times
+from kbstore.report import records, states
 from kbstore.report.time_format import TimeFormat
 
 EXIT_CODES = {Truth.TRUE: 0, Truth.FALSE: 1, Truth.UNKNOWN: 3}
@@ -61,7 +62,7 @@ def holds(
     with asked(url, kb, now) as found:
         asking = found.state(at_time(at, found), at_time(as_of, found))
         truth = asking.truth(condition)
-        report = {"condition": condition, "truth": str(truth), **values.at(asking)}
+        report = {"condition": condition, "truth": str(truth), **times(at=asking.at, as_of=asking.as_of)}
         answer(report, as_json=as_json, view=lambda: str(truth))
     raise typer.Exit(EXIT_CODES[truth])
 
@@ -84,7 +85,7 @@ def value(
     with asked(url, kb, now) as found:
         asking = found.state(at_time(at, found), at_time(as_of, found))
         number = asking.value(expression)
-        report = {"expression": expression, "value": number, **values.at(asking)}
+        report = {"expression": expression, "value": number, **times(at=asking.at, as_of=asking.as_of)}
         answer(report, as_json=as_json, view=lambda: format_number(number))
 
 

@@ -3,6 +3,7 @@
 from collections.abc import Iterable
 
 from kbstore.evaluation.interpretation import Span
+from kbstore.model.plain import Data, times
 
 
 class Intervals(list[Span]):
@@ -30,6 +31,10 @@ class Intervals(list[Span]):
     def total(self) -> int:
         """How long it is true altogether, in nanoseconds."""
         return sum(end - start for start, end in self)
+
+    def to_dicts(self) -> list[Data]:
+        """Return the intervals as plain data, each with its ends as ISO 8601 text and in nanoseconds."""
+        return [times(start=start, end=end) for start, end in self]
 
     def always(self, span: Span) -> bool:
         """Whether it is true throughout a span; an empty span lies within anything."""

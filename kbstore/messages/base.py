@@ -1,6 +1,6 @@
 """The base of all messages: frozen Pydantic models, and what a validation error of theirs is in kbstore's terms."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from decimal import Decimal
 from functools import cache
 from typing import Any, Generic, Self, TypeVar, overload
@@ -54,6 +54,10 @@ class Message(BaseModel):
         if isinstance(data, Mapping | cls):
             return data
         return {name: getattr(data, name) for name in cls.model_fields if hasattr(data, name)} or data
+
+    def __repr_args__(self) -> Iterable[tuple[str | None, Any]]:
+        """Show a message as its PDDL, ``Fact('(robot_at kenny wp0)')``, where it has some."""
+        return super().__repr_args__() if type(self).__str__ is BaseModel.__str__ else [(None, str(self))]
 
     @classmethod
     def trusted(cls, **fields: Any) -> Self:

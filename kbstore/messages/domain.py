@@ -1,6 +1,7 @@
 """DomainOperator: an operator as the message describes it."""
 
-from typing import Annotated
+from collections.abc import Iterable
+from typing import Annotated, Any
 
 from kbstore.messages.base import AS_LIST, Message
 from kbstore.messages.formulas import DomainAssignment, DomainFormula, DomainInequality
@@ -33,6 +34,9 @@ class DomainOperator(Message):
     at_start_comparison: _DomainInequalities = ()
     at_end_comparison: _DomainInequalities = ()
     over_all_comparison: _DomainInequalities = ()
+
+    def __repr_args__(self) -> Iterable[tuple[str | None, Any]]:
+        return [(None, self.formula.declaration())]
 
     @property
     def name(self) -> str:

@@ -21,6 +21,9 @@ class KeyValue(Message):
         data.update(key=key, value=value)
         super().__init__(**data)
 
+    def __repr_args__(self) -> Iterable[tuple[str | None, Any]]:
+        return [(None, self.key), (None, self.value)]
+
 
 KNOWN_VALUES = 50_000
 """How many labelled names are remembered at most; 25 MB or so."""
@@ -72,6 +75,11 @@ class DomainFormula(Message):
     def __str__(self) -> str:
         """A grounded formula in PDDL."""
         return f"({' '.join([self.name, *(p.value for p in self.typed_parameters)])})"
+
+    def __repr_args__(self) -> Iterable[tuple[str | None, Any]]:
+        labelled = {parameter.key: parameter.value for parameter in self.typed_parameters}
+        names = [parameter.value for parameter in self.typed_parameters]
+        return [(None, self.name), (None, labelled if len(labelled) == len(names) and "" not in labelled else names)]
 
     def declaration(self) -> str:
         """An ungrounded formula in PDDL, for instance ``(robot_at ?r - robot ?wp - waypoint)``."""

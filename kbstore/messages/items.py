@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, TypeAdapter, ValidationError, field_validator, model_validator
 
-from kbstore.clock import TimeLike, time
+from kbstore.clock import TimeLike, isoformat, time
 from kbstore.errors import InvalidKnowledge
 from kbstore.messages.base import Message, format_number, lazy, typed_error
 from kbstore.messages.enums import AssignOp, KnowledgeType
@@ -34,6 +34,11 @@ class _Item(Message):
         if isinstance(data, Mapping) and "knowledge_type" in data:
             return {name: value for name, value in data.items() if name not in _FIELDS or name in cls.model_fields}
         return data
+
+    def __repr_args__(self) -> Iterable[tuple[str | None, Any]]:
+        yield from super().__repr_args__()
+        if self.initial_time:
+            yield "since", isoformat(self.initial_time)
 
     @property
     @abstractmethod

@@ -61,7 +61,7 @@ class Event:
     changes: frozenset[str]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Domain:
     """What a PDDL domain declares. Mappings are read-only, and keyed by `kbstore.names.key` unless said otherwise.
 
@@ -86,6 +86,16 @@ class Domain:
     def __post_init__(self) -> None:
         object.__setattr__(self, "types", NameMapping(self.types))
         object.__setattr__(self, "constants", NameMapping(self.constants))
+
+    def __repr__(self) -> str:
+        counts = (
+            (len(self.types), "type"),
+            (len(self.predicate_signatures), "predicate"),
+            (len(self.function_signatures), "function"),
+            (len(self.actions), "action"),
+        )
+        shown = ", ".join(f"{number} {noun}" + ("" if number == 1 else "s") for number, noun in counts if number)
+        return f"Domain({self.name!r}: {shown or 'empty'})"
 
     # -- what is declared -------------------------------------------------------------------------------------
 

@@ -1,14 +1,20 @@
-"""What questions about the record answer with: transactions, assertions, changes, differences."""
+"""The results of questions: transactions, assertions, changes, differences, runs, explanations.
+
+They are frozen dataclasses: a web framework can take them as response models, and `to_dict` gives plain data. Their
+reprs are short, for a person who reads them in a REPL; `str` is longer in some.
+"""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 from kbstore.clock import SECOND, TimeLike, isoformat
 from kbstore.messages import Condition, Expression, Function, Goal, KnowledgeItem, Truth, format_number
+from kbstore.model.html import table
+from kbstore.model.plain import Data, Result, each, times
 
 
 @dataclass(frozen=True, slots=True)
-class Transaction:
+class Transaction(Result):
     """One atomic change: its number in the knowledge base, its time, who made it, and how many timelines changed."""
 
     number: int
@@ -22,13 +28,19 @@ class Transaction:
         why = f" ({self.note})" if self.note else ""
         return f"transaction {self.number} at {isoformat(self.time)}{who}{why}"
 
+    def __repr__(self) -> str:
+        who = f" by {self.client!r}" if self.client else ""
+        why = f", {self.note!r}" if self.note else ""
+        changes = _counted((self.changes, "change"))
+        return f"{type(self).__name__}({self.number} at {isoformat(self.time)}{who}: {changes or 'no change'}{why})"
+
 
 AsOf = TimeLike | Transaction
 """What `as_of` takes: a time, or a transaction, which stands for everything up to it and nothing after it."""
 
 
 @dataclass(frozen=True, slots=True)
-class Assertion:
+class Assertion(Result):
     """One row of history: from `initial_time` until `end_time` (None while open), the item stood.
 
     `recorded`, `ended` and `cancelled` are the transactions that did so. An end that came, or is to come, by the
@@ -49,9 +61,34 @@ class Assertion:
         text = f"{self.item} [{isoformat(self.initial_time)}, {end})"
         return f"{text} cancelled" if self.cancelled else text
 
+    def __repr__(self) -> str:
+        end = "" if self.end_time is None else f", until={isoformat(self.end_time)!r}"
+        marks = "".join((", goal" if self.is_goal else "", ", cancelled" if self.cancelled else ""))
+        return f"Assertion({str(self.item)!r}, since={isoformat(self.initial_time)!r}{end}{marks})"
+
+    def to_dict(self) -> Data:
+        """Return the assertion as plain data: its item as PDDL and as a message, its times, its transactions."""
+        found = Result.to_dict(self)
+        return {**found.pop("item"), **found}
+
+
+class Assertions(list[Assertion]):
+    """A list of assertions, which a notebook shows as a table."""
+
+    def to_dicts(self) -> list[Data]:
+        """Return the assertions as plain data, one dict for each."""
+        return each(self)
+
+    def __repr__(self) -> str:
+        return "[" + ",\n ".join(map(repr, self)) + "]"
+
+    def _repr_html_(self) -> str:
+        header = ("item", "since", "until", "recorded", "ended", "")
+        return table(f"{len(self)} assertions", header, [("", [_row(found) for found in self])])
+
 
 @dataclass(frozen=True, slots=True)
-class Change:
+class Change(Result):
     """What one transaction did; or, from `watch`, what took effect by the clock alone at `time`."""
 
     number: int
@@ -61,9 +98,24 @@ class Change:
     cancelled: list[Assertion] = field(default_factory=list)
     time: int = 0
 
+    @property
+    def by_clock(self) -> bool:
+        """Whether it took effect by the clock alone, and not by a transaction."""
+        return self.time != self.transaction.time
+
+    def __repr__(self) -> str:
+        parts = ("asserted", "ended", "cancelled")
+        what = ", ".join(f"{len(getattr(self, part))} {part}" for part in parts if getattr(self, part))
+        clock = " by the clock" if self.by_clock else ""
+        return f"Change({self.number} at {isoformat(self.time)}{clock}: {what or 'nothing'})"
+
+    def to_dict(self) -> Data:
+        """Return the change as plain data."""
+        return {"number": self.number, **times(time=self.time), "by_clock": self.by_clock, **Result.to_dict(self)}
+
 
 @dataclass(frozen=True, slots=True)
-class Diff:
+class Diff(Result):
     """What differs between two times (rule Q5)."""
 
     became_true: list[KnowledgeItem] = field(default_factory=list)
@@ -90,6 +142,28 @@ class Diff:
     def __str__(self) -> str:
         return "\n".join(self._lines()) or "no difference"
 
+    def __repr__(self) -> str:
+        parts = [
+            f"{len(found)} {name.replace('_', ' ')}"
+            for name in ("became_true", "became_false", "withdrawn", "numbers", "goals_added", "goals_removed")
+            if (found := getattr(self, name))
+        ]
+        return f"Diff({', '.join([*parts, *(['metric'] if self.metric else [])]) or 'no difference'})"
+
+    def _repr_html_(self) -> str:
+        items = [
+            (name.replace("_", " "), [(item,) for item in getattr(self, name)])
+            for name in ("became_true", "became_false", "withdrawn", "goals_added", "goals_removed")
+        ]
+        numbers = [(f"{item.atom} {_number(before)} -> {_number(after)}",) for item, before, after in self.numbers]
+        metric = [(f"{self.metric[0] or 'none'} -> {self.metric[1] or 'none'}",)] if self.metric else []
+        return table("difference" if self else "no difference", (), [*items, ("numbers", numbers), ("metric", metric)])
+
+    def to_dict(self) -> Data:
+        """Return the difference as plain data."""
+        numbers = [{"function": item.atom, "before": before, "after": after} for item, before, after in self.numbers]
+        return {**Result.to_dict(self), "numbers": numbers}
+
     def _lines(self) -> Iterator[str]:
         for sign, items in (
             ("+", self.became_true),
@@ -106,7 +180,7 @@ class Diff:
 
 
 @dataclass(frozen=True, slots=True)
-class Run:
+class Run(Result):
     """A durative action that runs, or ran.
 
     `started` and `duration` are in nanoseconds; `duration_s` is the exact duration in seconds, of which `duration` is
@@ -135,9 +209,19 @@ class Run:
         action = f"({' '.join((self.operator, *self.arguments))})"
         return f"{action} since {isoformat(self.started)} for {format_number(self.duration / SECOND)} s"
 
+    def __repr__(self) -> str:
+        action = f"({' '.join((self.operator, *self.arguments))})"
+        return f"Run({action!r}, started={isoformat(self.started)!r}, {format_number(self.seconds)} s)"
+
+    def to_dict(self) -> Data:
+        """Return the run as plain data."""
+        found = Result.to_dict(self)
+        duration = found.pop("duration")
+        return {**found, "duration_ns": duration, **times(expected_end=self.expected_end)}
+
 
 @dataclass(frozen=True, slots=True)
-class QueryResult:
+class QueryResult(Result):
     """The original's answer to a query: one bool for each item, and the items that are not true."""
 
     all_true: bool
@@ -149,7 +233,7 @@ class QueryResult:
 
 
 @dataclass(frozen=True, slots=True)
-class FailingCondition:
+class FailingCondition(Result):
     """A condition of an operator that does not hold, and since when.
 
     `since` is from when on it has been what it is, false or unknown. None where nothing was ever said that would have
@@ -164,9 +248,12 @@ class FailingCondition:
         since = "" if self.since is None else f" since {isoformat(self.since)}"
         return f"{self.condition} is {self.truth}{since}"
 
+    def __repr__(self) -> str:
+        return f"FailingCondition({str(self)!r})"
+
 
 @dataclass(frozen=True, slots=True)
-class Applicability:
+class Applicability(Result):
     """Whether an operator can be applied; true or false as such, and the conditions that fail."""
 
     failing: list[FailingCondition]
@@ -174,8 +261,15 @@ class Applicability:
     def __bool__(self) -> bool:
         return not self.failing
 
+    def __repr__(self) -> str:
+        return f"Applicability({'applicable' if self else ', '.join(map(str, self.failing))})"
 
-@dataclass(frozen=True, slots=True)
+    def to_dict(self) -> Data:
+        """Return the answer as plain data."""
+        return {"applicable": bool(self), **Result.to_dict(self)}
+
+
+@dataclass(frozen=True, slots=True, repr=False)
 class Ended(Transaction):
     """The transaction that ended a durative action, and the at-end conditions that failed (rule O3)."""
 
@@ -183,7 +277,7 @@ class Ended(Transaction):
 
 
 @dataclass(frozen=True, slots=True)
-class Explanation:
+class Explanation(Result):
     """Why a fact or a condition is true, false or unknown.
 
     `reason` is one of: asserted, explicitly false, never told, removed, expired with its instance, undefined
@@ -207,6 +301,21 @@ class Explanation:
             text += f", {self.transaction}"
         return "\n  ".join((text, *("\n  ".join(str(part).split("\n")) for part in self.parts)))
 
+    def __repr__(self) -> str:
+        return f"Explanation({str(self).partition(chr(10))[0]!r})"
+
 
 def _number(value: float | None) -> str:
     return "undefined" if value is None else format_number(value)
+
+
+def _counted(*counts: tuple[int, str]) -> str:
+    """Counts with their nouns, without those that are 0."""
+    return ", ".join(f"{number} {noun}" + ("" if number == 1 else "s") for number, noun in counts if number)
+
+
+def _row(found: Assertion) -> tuple[object, ...]:
+    end = None if found.end_time is None else isoformat(found.end_time)
+    ended = None if found.ended is None else found.ended.number
+    marks = " ".join(mark for mark, is_so in (("goal", found.is_goal), ("cancelled", found.cancelled)) if is_so)
+    return found.item, isoformat(found.initial_time), end, found.recorded.number, ended, marks

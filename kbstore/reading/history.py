@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from kbstore.clock import OPEN, TimeLike
 from kbstore.errors import UnknownSymbol
 from kbstore.messages import KnowledgeType
-from kbstore.model.results import Assertion, Change, Transaction
+from kbstore.model.results import Assertion, Assertions, Change, Transaction
 from kbstore.model.symbols import SymbolTable
 from kbstore.model.timelines import Role, Timeline
 from kbstore.reading.item_factory import ItemFactory
@@ -34,7 +34,7 @@ class History:
 
     def assertions(
         self, pattern: Knowledge, since: TimeLike | None = None, until: TimeLike | None = None
-    ) -> list[Assertion]:
+    ) -> Assertions:
         """The assertions that match a pattern and overlap ``[since, until)``, in order of time (rule Q3)."""
         with self._reader.repository() as repository:
             first, last, now = self._reader.resolver.resolve_span(repository, since, until)
@@ -46,7 +46,7 @@ class History:
                 if wanted.matches_row(row) and _overlaps(row, first)
             ]
             rows.sort(key=_order)
-            return self.as_assertions(repository, rows, symbol_table)
+            return Assertions(self.as_assertions(repository, rows, symbol_table))
 
     def rows(
         self, repository: Repository, kind: KnowledgeType, timelines: Sequence[Timeline], first: int, until: int

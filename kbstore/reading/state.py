@@ -1,10 +1,12 @@
 """The state of a knowledge base at one moment: what stands, what is scheduled, what runs."""
 
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, TypeVar, cast
 
 from kbstore.caches import LRU, STATE_ANSWERS
+from kbstore.clock import isoformat
 from kbstore.conversion import MessageDomain
 from kbstore.errors import KbStoreError
 from kbstore.messages import (
@@ -19,6 +21,8 @@ from kbstore.messages import (
     KnowledgeType,
     Truth,
 )
+from kbstore.model.html import table
+from kbstore.model.plain import Data, Result, plain, times
 from kbstore.model.results import QueryResult, Run
 from kbstore.model.symbols import SymbolTable
 from kbstore.model.timelines import Identity, Role
@@ -47,7 +51,7 @@ def _asked(question: Question, symbol_table: SymbolTable) -> KnowledgeItem | Con
         return Condition(text=str(question))
 
 
-class State:
+class State(Result):
     """Everything that stood (or is expected to stand) at one time; immutable, and independent of the database.
 
     Attributes:
@@ -239,5 +243,46 @@ class State:
         """The planning problem at that time, in PDDL (rules P2, O4)."""
         return write_problem(self, explicit_negatives=explicit_negatives)
 
+    # -- as data ----------------------------------------------------------------------------------------------
+
+    def to_dict(self) -> Data:
+        """Return the state as plain data for JSON, each time as ISO 8601 text and in nanoseconds."""
+        parts = ("instances", "facts", "functions", "inequalities", "metric", "goals", "timed_knowledge", "running")
+        return {
+            "knowledge_base": self.name,
+            **times(at=self.at, as_of=self.as_of),
+            "domain": None if self.domain is None else self.domain.name,
+            "use_unknowns": self.use_unknowns,
+            **{part: plain(getattr(self, part)) for part in parts},
+            "constraints": list(self.constraints),
+        }
+
     def __repr__(self) -> str:
-        return f"<State of {self.name} at {self.at}: {len(self.snapshot.rows)} assertions>"
+        belief = "" if self.as_of is None else f" as of {isoformat(self.as_of)}"
+        kinds = Counter((timeline.role, timeline.kind) for timeline, _, _ in self.snapshot.rows)
+        counts = (
+            (kinds[Role.STATE, KnowledgeType.INSTANCE], "object"),
+            (kinds[Role.STATE, KnowledgeType.FACT], "fact"),
+            (kinds[Role.STATE, KnowledgeType.FUNCTION], "function"),
+            (sum(number for (role, _), number in kinds.items() if role is Role.GOAL), "goal"),
+            (len(self._running), "running action"),
+        )
+        shown = ", ".join(f"{number} {noun}" + ("" if number == 1 else "s") for number, noun in counts if number)
+        return f"State({self.name!r} at {isoformat(self.at)}{belief}: {shown or 'empty'})"
+
+    def _repr_html_(self) -> str:
+        def rows(items: Iterable[KnowledgeItem | Condition]) -> list[tuple[object, ...]]:
+            return [(item, isoformat(item.initial_time)) for item in items]
+
+        runs = [(f"({' '.join((run.operator, *run.arguments))})", isoformat(run.started)) for run in self.running]
+        parts: list[tuple[str, Sequence[Sequence[object]]]] = [
+            ("objects", rows(self.instances)),
+            ("facts", rows(self.facts)),
+            ("functions", rows(self.functions)),
+            ("inequalities", rows(self.inequalities)),
+            ("goals", rows(self.goals)),
+            ("metric", rows([self.metric] if self.metric else [])),
+            ("scheduled", rows(self.timed_knowledge)),
+            ("running", runs),
+        ]
+        return table(repr(self), ("", "since"), parts)

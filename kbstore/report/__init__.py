@@ -1,4 +1,4 @@
-"""What kbstore answers, for reading: tables and trees for a terminal (rich), and values for JSON.
+"""Answers for people to read: tables and trees for a terminal (rich).
 
 The command line and the demonstration show everything through here.
 """

@@ -14,6 +14,7 @@ from pathlib import Path
 
 from kbstore.clock import TimeLike, isoformat, time
 from kbstore.errors import HistoryUnavailable, InvalidTime
+from kbstore.model.plain import Result
 from kbstore.reading.reader import Reader
 from kbstore.storage.connection import StoreConnection
 from kbstore.storage.repository import Head, Repository
@@ -29,7 +30,7 @@ MOST = 5000
 
 
 @dataclass(frozen=True, slots=True)
-class Archived:
+class Archived(Result):
     """What archiving did: the archive, where the store's history begins now, and how many rows were deleted there."""
 
     path: Path

@@ -19,7 +19,7 @@ Counted = Callable[[int], None]
 """Told after each batch how many items are stored by now."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class Ingested(Transaction):
     """What ingesting did: its last transaction, but that `changes` counts what changed in all of them.
 
