@@ -8,6 +8,7 @@ from kbstore.messages import AssignOp, ComparisonType
 from kbstore.model.formulas import (
     Add,
     And,
+    AssignObject,
     Atom,
     Comparison,
     Defined,
@@ -55,6 +56,7 @@ EFFECTS = {
     Add(P): (),
     Delete(P): (),
     NumericEffect(AssignOp.ASSIGN, P, (1.0,)): (),
+    AssignObject(P, "a"): (),
     When(P, (Add(Q), Delete(P))): (P, Add(Q), Delete(P)),
     WhenAtStart(P, (Add(Q),)): (P, Add(Q)),
     ForEach(X, (Add(R),)): (Add(R),),
