@@ -8,7 +8,7 @@ from sqlalchemy.engine import URL
 from kbstore.clock import Clock, DurationLike, duration
 from kbstore.errors import InvalidKnowledge
 from kbstore.knowledge_base import KnowledgeBase
-from kbstore.storage import queries, schema
+from kbstore.storage import directory, schema
 from kbstore.storage.database import Database
 from kbstore.storage.engine import BUSY_TIMEOUT
 from kbstore.writing.unit_of_work import TOLERANCE
@@ -77,7 +77,7 @@ def knowledge_bases(url: str | os.PathLike[str] | URL | Engine) -> list[str]:
     try:
         with database.wrap_errors():
             schema.ensure(database.engine, read_only=True)
-        with database.read() as session:
-            return [row[0] for row in session.all(queries.knowledge_base_names, {})]
+        with database.read() as connection:
+            return directory.names(connection)
     finally:
         database.close()

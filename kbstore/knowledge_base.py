@@ -41,7 +41,7 @@ from kbstore.reading.reader import Reader
 from kbstore.reading.state import State
 from kbstore.reading.trajectory import when_true
 from kbstore.reading.watching import Watch
-from kbstore.storage import queries
+from kbstore.storage import directory
 from kbstore.storage.database import Database
 from kbstore.storage.repository import TimelineCache
 from kbstore.transfer import archive
@@ -102,15 +102,14 @@ class KnowledgeBase:
         self._tolerance = tolerance
 
     def _find_or_create(self, use_unknowns: bool | None) -> tuple[int, bool]:
-        row = self._database.first(queries.find_knowledge_base, {"name": self.name})
-        if row is None:
+        with self._database.connect() as connection:
+            found = directory.find(connection, self.name)
+        if found is None:
             if self._read_only:
                 raise StoreUnavailable(f"there is no knowledge base {self.name!r}, and read_only cannot create it")
-            with self._database.begin() as session:
-                session.run(queries.add_knowledge_base, {"name": self.name, "use_unknowns": bool(use_unknowns)})
-            row = self._database.first(queries.find_knowledge_base, {"name": self.name})
-        assert row is not None
-        return row[0], bool(row[1])
+            with self._database.begin() as connection:
+                found, _ = directory.create(connection, self.name, use_unknowns=bool(use_unknowns))
+        return found
 
     def __enter__(self) -> Self:
         return self

@@ -19,7 +19,6 @@ from kbstore.reading.lazy_state import LazyState
 from kbstore.reading.prepared import PreparedCondition, PreparedExpression, question_key
 from kbstore.reading.questions import Question
 from kbstore.reading.reader import Reader
-from kbstore.storage.connection import StoreConnection
 from kbstore.storage.repository import Repository
 
 _Prepared = PreparedCondition | PreparedExpression
@@ -92,10 +91,9 @@ class Answers:
             self._database.checkin(connection)
 
     def _from_timeline(
-        self, connection: StoreConnection, prepared: _Prepared, at: TimeLike | None, *, look_ahead: bool
+        self, repository: Repository, prepared: _Prepared, at: TimeLike | None, *, look_ahead: bool
     ) -> _Found | None:
         """The answer by what holds on a single timeline; None where that cannot be told by one statement."""
-        repository = Repository(connection, self._reader.kb, self._reader.cache)
         timeline = prepared.timeline
         if timeline is None:
             assert prepared.key is not None

@@ -9,7 +9,8 @@ from kbstore.messages import KnowledgeType
 from kbstore.model.domain import Domain
 from kbstore.model.symbols import InferredSignature, SymbolTable
 from kbstore.pddl.domain_reader import read_domain
-from kbstore.storage.repository import Head, LogPosition, Repository
+from kbstore.storage.records import Head, LogPosition
+from kbstore.storage.repository import Repository
 
 
 class DomainVersion(NamedTuple):

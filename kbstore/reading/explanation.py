@@ -18,7 +18,8 @@ from kbstore.reading.questions import Question
 from kbstore.reading.reader import Reader
 from kbstore.reading.state import State
 from kbstore.reading.trajectory import since_when
-from kbstore.storage.repository import LogPosition, RecordedAssertion, Repository
+from kbstore.storage.records import LogPosition, RecordedAssertion
+from kbstore.storage.repository import Repository
 
 _ENDED = {
     EndCause.OBJECT: "expired with its instance",

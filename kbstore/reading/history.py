@@ -15,7 +15,8 @@ from kbstore.reading.patterns import Pattern
 from kbstore.reading.questions import Knowledge
 from kbstore.reading.reader import Reader
 from kbstore.reading.resolver import TemporalPoint
-from kbstore.storage.repository import Head, LogPosition, RecordedAssertion, Repository
+from kbstore.storage.records import Head, LogPosition, RecordedAssertion
+from kbstore.storage.repository import Repository
 
 BATCH = 256
 """How many transactions `changes` reads at once."""
@@ -145,19 +146,19 @@ class History:
         transactions = [as_transaction(row) for row in repository.transactions_between(after, upto)]
         self._refuse_gap(repository, transactions, after, head)
         symbol_table = self._reader.symbol_table(repository, head, LogPosition(head.time))
-        recorded, ended, cancelled = repository.changes_between(after, upto)
-        everything = [*recorded, *ended, *cancelled]
+        rows = repository.changes_between(after, upto)
+        everything = [*rows.recorded, *rows.ended, *rows.cancelled]
         assertions = dict(
             zip(map(id, everything), self.as_assertions(repository, everything, symbol_table), strict=True)
         )
         asserted_by: dict[int | None, list[Assertion]] = defaultdict(list)
         ended_by: dict[int | None, list[Assertion]] = defaultdict(list)
         cancelled_by: dict[int | None, list[Assertion]] = defaultdict(list)
-        for row in recorded:
+        for row in rows.recorded:
             asserted_by[row.recorded].append(assertions[id(row)])
-        for row in ended:
+        for row in rows.ended:
             ended_by[row.ended].append(assertions[id(row)])
-        for row in cancelled:
+        for row in rows.cancelled:
             cancelled_by[row.cancelled].append(assertions[id(row)])
         return [
             Change(

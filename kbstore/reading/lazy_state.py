@@ -9,7 +9,8 @@ from kbstore.messages import KnowledgeType
 from kbstore.model.domain import Domain
 from kbstore.model.timelines import Role, atom_key
 from kbstore.names import key
-from kbstore.storage.repository import LogPosition, Repository
+from kbstore.storage.records import LogPosition
+from kbstore.storage.repository import Repository
 
 
 class LazyState:

@@ -11,7 +11,8 @@ from kbstore.names import is_wildcard, key, matches
 from kbstore.pddl.parse import condition_of
 from kbstore.pddl.printer import condition_text
 from kbstore.reading.questions import Knowledge, as_item
-from kbstore.storage.repository import RecordedAssertion, Repository
+from kbstore.storage.records import RecordedAssertion
+from kbstore.storage.repository import Repository
 
 
 class Pattern:

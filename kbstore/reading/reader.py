@@ -20,7 +20,8 @@ from kbstore.reading.resolver import Resolver, TemporalPoint
 from kbstore.reading.state import State
 from kbstore.reading.state_data import StateData
 from kbstore.storage.database import Database
-from kbstore.storage.repository import Head, LogPosition, Repository, RunRow, TimelineCache
+from kbstore.storage.records import Head, LogPosition, RunRow
+from kbstore.storage.repository import Repository, TimelineCache
 
 
 class Reader:
@@ -57,10 +58,10 @@ class Reader:
         self._explainer = explainer
 
     @contextmanager
-    def repository(self) -> Iterator[Repository]:
-        """The knowledge base on one snapshot of the store."""
-        with self.database.read() as session:
-            yield Repository(session, self.kb, self.cache)
+    def repository(self, *, writing: bool = False) -> Iterator[Repository]:
+        """The knowledge base on one snapshot of the store, or in a write transaction."""
+        with self.database.begin() if writing else self.database.read() as connection:
+            yield Repository(connection, self.kb, self.cache)
 
     def symbol_table(self, repository: Repository, head: Head, position: LogPosition) -> SymbolTable:
         """The symbols known at a position in the log."""

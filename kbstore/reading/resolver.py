@@ -10,7 +10,8 @@ from typing import NamedTuple
 from kbstore.clock import OPEN, TIME_LIMIT, Clock, TimeLike, isoformat, time
 from kbstore.errors import ClockWentBackwards, HistoryUnavailable
 from kbstore.model.results import AsOf, Transaction
-from kbstore.storage.repository import Head, LogPosition, Repository, RunRow
+from kbstore.storage.records import Head, LogPosition, RunRow
+from kbstore.storage.repository import Repository
 
 
 class TemporalPoint(NamedTuple):

@@ -33,7 +33,7 @@ from kbstore.reading.item_factory import ItemFactory
 from kbstore.reading.prepared import PreparedQuestions
 from kbstore.reading.questions import Question, as_item
 from kbstore.reading.state_data import StateData
-from kbstore.storage.repository import LogPosition
+from kbstore.storage.records import LogPosition
 
 if TYPE_CHECKING:
     from kbstore.model.results import Explanation

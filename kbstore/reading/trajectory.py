@@ -27,7 +27,8 @@ from kbstore.reading.history import History
 from kbstore.reading.questions import Question
 from kbstore.reading.reader import Reader
 from kbstore.reading.resolver import TemporalPoint
-from kbstore.storage.repository import RecordedAssertion, Repository
+from kbstore.storage.records import RecordedAssertion
+from kbstore.storage.repository import Repository
 
 Piece = tuple[int, int, Value, int]
 """From when, until when, what, and the initial time of the assertion."""

@@ -10,7 +10,8 @@ from kbstore.reading.history import History
 from kbstore.reading.patterns import Pattern
 from kbstore.reading.questions import Knowledge
 from kbstore.reading.reader import Reader
-from kbstore.storage.repository import LogPosition, Repository
+from kbstore.storage.records import LogPosition
+from kbstore.storage.repository import Repository
 
 
 class Watch:

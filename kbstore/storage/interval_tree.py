@@ -7,7 +7,8 @@ to t, so they are found by at most 62 index look-ups, however long the history.
 
 Other than in the paper a row of the large tables keeps not the node but its `level`, the height of the node above the
 leaves: on one level the end of an interval tells its node. That is one byte instead of eight, in the row and in both
-of its indexes.
+of its indexes. Rows that are open have a level of their own, as if the tree were higher by one. A row that was
+superseded moves to the negative level ``-1 - level``, which questions about what is known now never visit.
 """
 
 from functools import lru_cache
@@ -17,6 +18,12 @@ from kbstore.clock import OPEN
 LEVELS = 62
 """The height of the tree: times are below 2**62."""
 
+OPEN_LEVEL = LEVELS
+"""The level of what is open."""
+
+EMPTY_LEVEL = -2 - OPEN_LEVEL
+"""The level of what is cancelled or has no length: no time is in it."""
+
 
 def node(start: int, end: int) -> int | None:
     """The node of the half-open interval ``[start, end)``; None for an open or an empty one.
@@ -25,15 +32,22 @@ def node(start: int, end: int) -> int | None:
     ``end`` have in common, a one, and zeros.
     """
     height = level(start, end)
-    return None if height is None else (end >> height) << height
+    return (end >> height) << height if 0 <= height < LEVELS else None
 
 
-def level(start: int, end: int) -> int | None:
-    """The height of the node of ``[start, end)``: how many zeros it ends with; None where there is no node."""
-    if end == OPEN or end <= start:
-        return None
+def level(start: int, end: int) -> int:
+    """The level of ``[start, end)``: how many zeros its node ends with, `OPEN_LEVEL`, or `EMPTY_LEVEL`."""
+    if end == OPEN:
+        return OPEN_LEVEL
+    if end <= start:
+        return EMPTY_LEVEL
     different = (start + 1) ^ end
     return (different or end & -end).bit_length() - 1
+
+
+def superseded(level: int) -> int:
+    """The level of a row that was superseded, of that which it had; and back."""
+    return -1 - level
 
 
 @lru_cache(maxsize=256)
@@ -49,10 +63,10 @@ def ranges(t: int) -> tuple[tuple[int | None, ...], tuple[int | None, ...]]:
 
     If the path's node of a level is right of `t`, they are those that begin from the first number on, and no later
     than `t`; if it is left of it or on it, they are those that end after `t` and before the second number. For each
-    level one of the two is None.
+    level one of the two is None. What is open is the last level, and begins from 0 on.
     """
     place = t + 1
     blocks = [(place >> height) << height for height in range(LEVELS)]
     begins = tuple(None if block >> height & 1 else block - 1 for height, block in enumerate(blocks))
     ends = tuple(block + (1 << height) if block >> height & 1 else None for height, block in enumerate(blocks))
-    return begins, ends
+    return (*begins, 0), (*ends, None)

@@ -1,92 +1,35 @@
-"""Rows to timelines and values, and back: one knowledge base on one session."""
+"""Rows to timelines and values, and back: one knowledge base on one connection."""
 
+import json
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 from kbstore.caches import LRU, TIMELINES
 from kbstore.clock import OPEN
 from kbstore.messages import KnowledgeType
-from kbstore.model.timelines import Role, Timeline, Value, stored_key
+from kbstore.model.timelines import Role, Timeline, stored_key
 from kbstore.storage import queries
+from kbstore.storage.assertion_queries import for_kind
 from kbstore.storage.connection import SqlRow, StoreConnection
-from kbstore.storage.interval_tree import path, ranges
+from kbstore.storage.interval_tree import EMPTY_LEVEL, LEVELS, path, ranges, superseded
+from kbstore.storage.recorder import Recorder
+from kbstore.storage.records import (
+    Head,
+    LogPosition,
+    RecordedAssertion,
+    RowChanges,
+    RunRow,
+    StateRow,
+    StoredAssertion,
+    StoredPoint,
+    TransactionRows,
+)
+from kbstore.storage.tables import PRESENT_SCHEDULES
 
-StateRow = tuple[Timeline, int, Value]
-"""An assertion that stands, or is pending: its timeline, since when (or from when), and what."""
-
-
-class Head(NamedTuple):
-    """The row of a knowledge base that a writer locks: where its record stands."""
-
-    number: int
-    time: int
-    history_from: int
-    domain_version: int
-    last_run: int
-
-
-class LogPosition(NamedTuple):
-    """A place in the record: a time, or exactly after a transaction (`number`) of that time.
-
-    `latest` is the last transaction of that time.
-    """
-
-    time: int
-    number: int | None = None
-    latest: int | None = None
-
-
-class StoredAssertion(NamedTuple):
-    """A stored assertion as a writer needs it."""
-
-    id: int
-    initial_time: int
-    end_time: int
-    recorded_time: int | None
-    value: Value
-
-
-class RecordedAssertion(NamedTuple):
-    """A stored assertion as history needs it."""
-
-    timeline: Timeline
-    initial_time: int
-    end_time: int
-    recorded: int
-    ended: int | None
-    cancelled: int | None
-    cause: int | None
-    value: Value
-
-
-class StoredPoint(NamedTuple):
-    """What holds on one timeline at a time, and the head as it was then; `value` is None where nothing holds."""
-
-    head: Head
-    initial_time: int
-    end_time: int
-    value: Value | None
-
-
-class Present(NamedTuple):
-    """Whether a knowledge base has any assertions of a knowledge type, and any that were scheduled."""
-
-    anything: bool
-    scheduled: bool
-
-
-class RunRow(NamedTuple):
-    """A stored run of a durative action, with what it adds to which function's rate, and remembers of its start."""
-
-    number: int
-    operator: str
-    arguments: tuple[str, ...]
-    started: int
-    duration: int
-    rates: tuple[tuple[Timeline, float], ...]
-    remembered: frozenset[str]
+_VALUE = 9
+"""Where the value begins in the rows that history reads."""
 
 
 class TimelineCache:
@@ -103,48 +46,52 @@ class TimelineCache:
 
 
 class Repository:
-    """One knowledge base, read and written on one session."""
+    """One knowledge base, read and written on one connection."""
 
-    def __init__(self, session: StoreConnection, kb: int, cache: TimelineCache) -> None:
-        self._session = session
+    def __init__(self, connection: StoreConnection, kb: int, cache: TimelineCache) -> None:
+        self._connection = connection
         self._kb = kb
         self._cache = cache
-        self._places: dict[LogPosition, dict[str, Any]] = {}
+        self._positions: dict[LogPosition, dict[str, Any]] = {}
 
     # -- the record -------------------------------------------------------------------------------------------
 
     def head(self, *, for_update: bool = False) -> Head:
         """Where the record stands; `for_update` makes other writers of this knowledge base wait."""
-        row = self._session.first(queries.head_for_update if for_update else queries.head, {"kb": self._kb})
+        row = self._connection.first(queries.head_for_update if for_update else queries.head, {"kb": self._kb})
         assert row is not None
         return Head(*row)
 
+    def save(self, changes: RowChanges, head: Head, now: int, *, client: str, note: str) -> Head:
+        """Record a transaction after `head`, which is locked; returns the new head."""
+        return Recorder(self._connection, self._kb, head, now).record(changes, client, note)
+
     def transactions(self, numbers: Iterable[int]) -> list[SqlRow]:
         """The rows of some transactions: number, time, changes, client, note."""
-        wanted = self._session.array(sorted(set(numbers)))
-        return self._session.all(queries.transactions_numbered, {"kb": self._kb, "numbers": wanted})
+        wanted = self._connection.array(sorted(set(numbers)))
+        return self._connection.all(queries.transactions_numbered, {"kb": self._kb, "numbers": wanted})
 
     def transactions_between(self, after: int, upto: int) -> list[SqlRow]:
         """The rows of the transactions after a number and up to another, in order."""
-        return self._session.all(queries.transactions_between, {"kb": self._kb, "after": after, "upto": upto})
+        return self._connection.all(queries.transactions_between, {"kb": self._kb, "after": after, "upto": upto})
 
     def first_transaction_from(self, time: int) -> int | None:
         """The number of the first transaction at a time or later; None if there is none."""
-        row = self._session.first(queries.first_transaction_from, {"kb": self._kb, "time": time})
+        row = self._connection.first(queries.first_transaction_from, {"kb": self._kb, "time": time})
         return None if row is None else int(row[0])
 
     def after_transaction(self, number: int, time: int) -> LogPosition:
-        """The place in the record exactly after a transaction."""
-        row = self._session.first(queries.last_transaction_at, {"kb": self._kb, "number": number, "time": time})
-        return LogPosition(time, number, number if row is None else row[0])
+        """The position in the record exactly after a transaction."""
+        following = self.first_transaction_from(time + 1)
+        return LogPosition(time, number, (self.head().number if following is None else following - 1))
 
     def domain_versions(self, after: int = 0) -> list[SqlRow]:
         """Version, time, transaction, source and sensed names of the domain's versions after one."""
-        return self._session.all(queries.domain_versions, {"kb": self._kb, "after": after})
+        return self._connection.all(queries.domain_versions, {"kb": self._kb, "after": after})
 
     def symbols(self) -> list[SqlRow]:
         """The shapes that a knowledge base without a domain keeps: type, key, name, arity, labels."""
-        return self._session.all(queries.symbols, {"kb": self._kb})
+        return self._connection.all(queries.symbols, {"kb": self._kb})
 
     # -- timelines --------------------------------------------------------------------------------------------
 
@@ -154,8 +101,8 @@ class Repository:
         missing = [id for id in set(ids) if id not in wanted]
         if not missing:
             return wanted
-        parameters = {"kb": self._kb, "ids": self._session.array(missing)}
-        rows = self._session.all(queries.timelines_by_id, parameters)
+        parameters = {"kb": self._kb, "ids": self._connection.array(missing)}
+        rows = self._connection.all(queries.timelines_by_id, parameters)
         for row in rows:
             wanted[row[0]] = self._remember(row)
         return wanted
@@ -182,11 +129,11 @@ class Repository:
         parameters = {"kb": self._kb, "role": int(role), "kind": int(kind)}
         rows: list[SqlRow] = []
         if len(missing) == 1:
-            row = self._session.first(queries.timeline_by_key, parameters | {"key": stored_key(missing[0])})
+            row = self._connection.first(queries.timeline_by_key, parameters | {"key": stored_key(missing[0])})
             rows = [] if row is None else [row]
         elif missing:
-            stored = self._session.array([stored_key(key) for key in missing])
-            rows = self._session.all(queries.timelines_by_key, parameters | {"keys": stored})
+            stored = self._connection.array([stored_key(key) for key in missing])
+            rows = self._connection.all(queries.timelines_by_key, parameters | {"keys": stored})
         for row in rows:
             timeline = self._remember(row)
             found[timeline.key] = timeline
@@ -194,25 +141,19 @@ class Repository:
 
     def of_symbol(self, role: Role, kind: KnowledgeType, name: str) -> list[Timeline]:
         """All timelines of a predicate or function, by its key."""
-        parameters = {
-            "kb": self._kb,
-            "role": int(role),
-            "kind": int(kind),
-            "name": name,
-            "first": f"{name} ",
-            "last": f"{name}!",
-        }
-        return [self._remember(row) for row in self._session.all(queries.timelines_of_symbol, parameters)]
+        # what follows the name is a space, or nothing
+        parameters = {"kb": self._kb, "role": int(role), "kind": int(kind), "first": name, "last": f"{name}!"}
+        return [self._remember(row) for row in self._connection.all(queries.timelines_of_symbol, parameters)]
 
     def of_kind(self, role: Role, kind: KnowledgeType) -> list[Timeline]:
         """All timelines of a knowledge type."""
-        rows = self._session.all(queries.timelines_of_kind, {"kb": self._kb, "role": int(role), "kind": int(kind)})
+        rows = self._connection.all(queries.timelines_of_kind, {"kb": self._kb, "role": int(role), "kind": int(kind)})
         return [self._remember(row) for row in rows]
 
     def mentioning(self, objects: Sequence[int]) -> list[Timeline]:
         """The timelines that mention some objects, given by the numbers of their INSTANCE timelines."""
-        parameters = {"kb": self._kb, "ids": self._session.array(objects)}
-        unique = {row[0]: row for row in self._session.all(queries.timelines_mentioning, parameters)}
+        parameters = {"kb": self._kb, "ids": self._connection.array(objects)}
+        unique = {row[0]: row for row in self._connection.all(queries.timelines_mentioning, parameters)}
         return [self._remember(row) for row in unique.values()]
 
     def _remember(self, row: SqlRow) -> Timeline:
@@ -223,71 +164,95 @@ class Repository:
             self._cache.put(timeline)
         return timeline
 
-    # -- what stands ------------------------------------------------------------------------------------------
+    # -- states -----------------------------------------------------------------------------------------------
 
     def state_at(self, kind: KnowledgeType, position: LogPosition) -> list[StateRow]:
-        """The assertions of a knowledge type that stand at a place in the record."""
-        if not self._present[kind].anything:
+        """The assertions of a knowledge type that hold at a position in the record."""
+        if not self._has(kind):
             return []
-        statements = queries.for_kind[kind]
-        statement = statements.standing if position.number is None else statements.standing_as_of
-        return self._standing(kind, self._session.all(statement, self._place(position)))
+        statements, parameters = for_kind[kind], self._at(position)
+        if position.number is None:
+            return self._standing(kind, self._connection.all(statements.standing, parameters))
+        rows = self._connection.all(statements.standing_as_of, parameters)
+        if position.latest is not None and position.latest > position.number:
+            rows = rows + self._connection.all(statements.ended_since, parameters | {"levels": self._levels})
+        return self._standing(kind, rows)
 
     def value_at(self, kind: KnowledgeType, timeline: Timeline | None, t: int) -> StoredPoint:
         """What holds on one timeline at a time, with the head: one statement. No timeline says nothing."""
-        row = self._session.look_up(queries.for_kind[kind].point, self._kb, 0 if timeline is None else timeline.id, t)
+        id = 0 if timeline is None else timeline.id
+        row = self._connection.look_up(for_kind[kind].point, self._kb, id, t, self._kb)
         assert row is not None
-        head, end, initial_time = Head._make(row[:5]), row[5], row[6]
+        head, end = Head._make(row[:10]), row[10]
         if end is None or end <= t:
             return StoredPoint(head, 0, OPEN, None)
-        return StoredPoint(head, initial_time, end, row[7:])
+        return StoredPoint(head, row[11], end, row[12:])
 
     def next_start(self, timeline: Timeline, t: int) -> int:
         """When the next assertion on a timeline begins after a time; `OPEN` if none is scheduled."""
         parameters = {"kb": self._kb, "timeline": timeline.id, "t": t}
-        row = self._session.first(queries.for_kind[timeline.kind].next_start, parameters)
+        row = self._connection.first(for_kind[timeline.kind].next_start, parameters)
         return OPEN if row is None else int(row[0])
 
     def scheduled_at(self, kind: KnowledgeType, position: LogPosition) -> list[StateRow]:
-        """What was scheduled at a place in the record, and takes effect after it."""
-        if not self._present[kind].scheduled:
+        """What had been scheduled at a position in the record, and takes effect after it."""
+        if not self._present & PRESENT_SCHEDULES:
             return []
-        statements = queries.for_kind[kind]
-        statement = statements.pending if position.number is None else statements.pending_as_of
-        return self._standing(kind, self._session.all(statement, self._path(position)))
+        parameters = self._on_path(position)
+        found: dict[KnowledgeType, list[SqlRow]] | None = parameters.get("scheduled")
+        if found is None:
+            statement = queries.pending if position.number is None else queries.pending_as_of
+            found = parameters["scheduled"] = self._by_key(self._connection.all(statement, parameters))
+        return self._standing(kind, [(*row[:2], *row[_VALUE:]) for row in found.get(kind, ())])
 
     @cached_property
-    def _present(self) -> dict[KnowledgeType, Present]:
-        """What there is to be asked for; true as long as the repository's snapshot, as a writer adds rows last."""
-        row = self._session.first(queries.present, {"kb": self._kb})
-        assert row is not None
-        flags = iter(row)
-        return {kind: Present(next(flags), next(flags)) for kind in queries.for_kind}
+    def _present(self) -> int:
+        """Which rows there are to be asked for; as true as the snapshot, as a writer adds rows last."""
+        return self.head().present
 
-    def _place(self, position: LogPosition) -> dict[str, Any]:
-        """The parameters that say a place in the record; the same for each of the tables."""
-        known = self._places.get(position)
+    def _has(self, kind: KnowledgeType) -> bool:
+        return bool(self._present >> kind & 1)
+
+    @cached_property
+    def _levels(self) -> Any:
+        """All levels on which something is kept that has an end: what is known now, and what was superseded."""
+        closed = range(LEVELS)
+        return self._connection.array([*closed, *map(superseded, closed)])
+
+    def _at(self, position: LogPosition) -> dict[str, Any]:
+        """The parameters that say a position in the record; the same for each of the tables."""
+        known = self._positions.get(position)
         if known is not None:
             return known
         begins, ends = ranges(position.time)
-        bounds = self._session.bounds
-        place: dict[str, Any] = {
+        bounds = self._connection.bounds
+        parameters: dict[str, Any] = {
             "kb": self._kb,
             "t": position.time,
             "begins": bounds(begins),
             "ends": bounds(ends),
         }
         if position.number is not None:
-            place |= {"number": position.number, "latest": position.latest}
-        self._places[position] = place
-        return place
+            parameters |= {"number": position.number, "latest": position.latest}
+        self._positions[position] = parameters
+        return parameters
 
-    def _path(self, position: LogPosition) -> dict[str, Any]:
+    def _on_path(self, position: LogPosition) -> dict[str, Any]:
         """The same for what is kept by the nodes themselves."""
-        place = self._place(position)
-        if "path" not in place:
-            place["path"] = self._session.bounds(path(position.time))
-        return place
+        parameters = self._at(position)
+        if "path" not in parameters:
+            parameters["path"] = self._connection.bounds(path(position.time))
+        return parameters
+
+    def _by_key(self, keys: Iterable[SqlRow]) -> dict[KnowledgeType, list[SqlRow]]:
+        """Rows by their knowledge type, transaction and place."""
+        wanted: dict[KnowledgeType, list[tuple[int, int]]] = defaultdict(list)
+        for kind, number, seq in keys:
+            wanted[KnowledgeType(kind)].append((number, seq))
+        return {
+            kind: self._connection.all(for_kind[kind].by_key, {"kb": self._kb, "keys": json.dumps(found)})
+            for kind, found in wanted.items()
+        }
 
     def _standing(self, kind: KnowledgeType, rows: list[SqlRow]) -> list[StateRow]:
         try:
@@ -297,28 +262,30 @@ class Repository:
 
     def rows_for_update(self, kind: KnowledgeType, ids: Sequence[int], t: int) -> dict[int, list[StoredAssertion]]:
         """For each timeline the latest row that begins no later than `t`, and those ahead of it, in order."""
-        parameters = {"kb": self._kb, "ids": self._session.array(ids), "t": t}
+        parameters = {"kb": self._kb, "ids": self._connection.array(ids), "t": t}
         found: dict[int, list[StoredAssertion]] = defaultdict(list)
-        for row in self._session.all(queries.for_kind[kind].live, parameters):
-            found[row[1]].append(StoredAssertion(row[0], row[2], row[3], row[4], row[5:]))
+        for row in self._connection.all(for_kind[kind].live, parameters):
+            found[row[0]].append(StoredAssertion(row[1], row[2], row[3], row[4], row[5], row[6:]))
         for rows in found.values():
             rows.sort(key=lambda stored: stored.initial_time)
         return found
 
     def scheduled_objects(self, t: int) -> set[int]:
         """The INSTANCE timelines on which something lies ahead of `t`."""
-        rows = self._session.all(queries.for_kind[KnowledgeType.INSTANCE].ahead, {"kb": self._kb, "t": t})
-        return {row[0] for row in rows}
+        if not self._present & PRESENT_SCHEDULES:
+            return set()
+        parameters = {"kb": self._kb, "t": t, "kind": int(KnowledgeType.INSTANCE)}
+        return {row[0] for row in self._connection.all(queries.ahead, parameters)}
 
     def running(self, position: LogPosition) -> list[RunRow]:
-        """The durative actions that run at a place in the record, in the order in which they were started."""
+        """The durative actions that run at a position in the record, in the order in which they were started."""
         statement = queries.running if position.number is None else queries.running_as_of
-        rows = sorted(self._session.all(statement, self._path(position)))
+        rows = sorted(self._connection.all(statement, self._on_path(position)))
         if not rows:
             return []
-        parameters = {"kb": self._kb, "numbers": self._session.array([row[0] for row in rows])}
+        parameters = {"kb": self._kb, "numbers": self._connection.array([row[0] for row in rows])}
         rates: dict[int, list[tuple[int, float]]] = defaultdict(list)
-        for number, timeline, rate in self._session.all(queries.run_rates, parameters):
+        for number, timeline, rate in self._connection.all(queries.run_rates, parameters):
             rates[number].append((timeline, rate))
         timelines = self.timelines([timeline for moved in rates.values() for timeline, _ in moved])
         return [
@@ -340,41 +307,63 @@ class Repository:
         self, kind: KnowledgeType, timelines: Sequence[Timeline], first: int, until: int
     ) -> list[RecordedAssertion]:
         """The rows of some timelines that begin in ``[first, until)``, also cancelled ones and those of no length."""
-        ids = self._session.array([timeline.id for timeline in timelines])
+        ids = self._connection.array([timeline.id for timeline in timelines])
         parameters = {"kb": self._kb, "ids": ids, "first": first, "until": until}
-        return self._recorded(self._session.all(queries.for_kind[kind].history, parameters))
+        return self._recorded(self._connection.all(for_kind[kind].history, parameters))
 
     def latest_start(self, timeline: Timeline, t: int) -> int:
         """When the latest row of a timeline that begins no later than `t` begins; 0 if there is none."""
         parameters = {"kb": self._kb, "timeline": timeline.id, "t": t}
-        row = self._session.first(queries.for_kind[timeline.kind].latest_start, parameters)
+        row = self._connection.first(for_kind[timeline.kind].latest_start, parameters)
         return 0 if row is None else int(row[0])
 
-    def changes_between(
-        self, after: int, upto: int
-    ) -> tuple[list[RecordedAssertion], list[RecordedAssertion], list[RecordedAssertion]]:
-        """What the transactions after a number and up to another recorded, ended and cancelled."""
-        parameters = {"kb": self._kb, "after": after, "upto": upto}
-        recorded: list[RecordedAssertion] = []
-        ended: list[RecordedAssertion] = []
-        cancelled: list[RecordedAssertion] = []
-        for statements in queries.for_kind.values():
-            recorded += self._recorded(self._session.all(statements.recorded, parameters))
-            ended += self._recorded(self._session.all(statements.ended, parameters))
-            cancelled += self._recorded(self._session.all(statements.cancelled, parameters))
-        return recorded, ended, cancelled
+    def changes_between(self, after: int, upto: int) -> TransactionRows:
+        """What the transactions after a number and up to another recorded, ended, cancelled and superseded."""
+        span = {"kb": self._kb, "after": after, "upto": upto}
+        times = {row[0]: row[1] for row in self.transactions_between(after, upto)}
+        found = TransactionRows([], [], [], [])
+        if not times:
+            return found
+        ending = span | {"first": min(times.values()), "last": max(times.values()), "levels": self._levels}
+        for kind, statements in for_kind.items():
+            if self._has(kind):
+                found.recorded.extend(self._recorded(self._connection.all(statements.recorded, span)))
+                # what late knowledge ended in the past did not end with its transaction
+                ended = self._recorded(self._connection.all(statements.ended, ending))
+                found.ended.extend(row for row in ended if row.ended in times and row.end_time == times[row.ended])
+        for rows in self._by_key(self._connection.all(queries.revised, span)).values():
+            for row in self._recorded(rows):
+                group = found.cancelled if row.cancelled else found.superseded if row.superseded else found.ended
+                group.append(row)
+        return found
 
     def due_between(self, after: int, upto: int) -> list[RecordedAssertion]:
         """What was scheduled, and took effect by the clock alone after a time and up to another."""
-        parameters = {"kb": self._kb, "after": after, "upto": upto}
-        found: list[RecordedAssertion] = []
-        for statements in queries.for_kind.values():
-            found += self._recorded(self._session.all(statements.due, parameters))
-        return found
+        if not self._present & PRESENT_SCHEDULES:
+            return []
+        keys = self._connection.all(queries.due, {"kb": self._kb, "after": after, "upto": upto})
+        return [found for rows in self._by_key(keys).values() for found in self._recorded(rows)]
 
     def _recorded(self, rows: list[SqlRow]) -> list[RecordedAssertion]:
         timelines = self.timelines([row[0] for row in rows])
-        return [RecordedAssertion._make((timelines[row[0]], *row[1:7], row[7:])) for row in rows]
+        found = []
+        for id, start, end, recorded, ended, retired, told, level, cause, *value in rows:
+            is_cancelled = level == EMPTY_LEVEL and ended is None
+            found.append(
+                RecordedAssertion(
+                    timelines[id],
+                    start,
+                    end,
+                    recorded,
+                    ended,
+                    retired if is_cancelled else None,
+                    retired if level != EMPTY_LEVEL else None,
+                    told,
+                    cause,
+                    tuple(value),
+                )
+            )
+        return found
 
 
 def _with_timelines(kind: KnowledgeType, rows: list[SqlRow], timelines: Mapping[int, Timeline]) -> list[StateRow]:

@@ -1,9 +1,15 @@
 """The tables of a store. Times are nanoseconds; `kbstore.clock.OPEN` (2**63 - 1) as an end time means open.
 
-Five tables hold assertions, one for each type of knowledge; a row says that from `initial_time` until `end_time`
-this stood on its timeline. Rows are never deleted (but by archiving) and change only where the future changes:
-when they end, and when they are cancelled.
+Five tables hold assertions, one for each type of knowledge; a row says that from `initial_time` until `end_time` this
+held on its timeline. A row's key is the transaction that recorded it and its place in that transaction (`seq`, counted
+from 0 over all five tables), so that it is the same in every store, archive and export. Rows are deleted by archiving
+only. They change when they end, and when they are retired: cancelled, superseded by late knowledge, or ended at the
+very time at which they began. `schedules` and `revisions` keep what the common row does not need.
+
+Each key, each foreign key and each index begins with the knowledge base, so that a store can be distributed by it.
 """
+
+from enum import IntEnum
 
 from sqlalchemy import (
     BigInteger,
@@ -19,7 +25,6 @@ from sqlalchemy import (
     String,
     Table,
     Text,
-    UniqueConstraint,
     text,
 )
 
@@ -38,35 +43,74 @@ metadata = MetaData(
 _Key = Text().with_variant(Text(collation="C"), "postgresql")
 """Text compared byte by byte on both engines, so that a prefix is a range."""
 
-_Id = BigInteger().with_variant(Integer, "sqlite")
-"""A row's number; on SQLite the rowid itself."""
+
+class Revision(IntEnum):
+    """How a transaction changed a row that was stored before; a row that was simply open until then has no revision."""
+
+    CANCELLED = 1
+    SUPERSEDED = 2
+    EMPTIED = 3
+    """Ended at the very time at which it began."""
+    SETTLED = 4
+    """Another end was derived for it, which lies ahead."""
+    CUT_SHORT = 5
+    """Ended before the end that had been derived for it."""
+
+
+PRESENT_SCHEDULES = 1 << len(KnowledgeType)
+"""The bit of `heads.present` that is set once anything was scheduled; below it, one for each knowledge type."""
+
+
+def _knowledge_base() -> ForeignKeyConstraint:
+    return ForeignKeyConstraint(["kb_id"], ["knowledge_bases.id"])
 
 
 knowledge_bases = Table(
     "knowledge_bases",
     metadata,
-    Column("id", Integer, primary_key=True),
+    # 1, 2, 3 on SQLite; random on PostgreSQL, where knowledge bases of several servers may come together
+    Column("id", Integer, primary_key=True, autoincrement=False),
     Column("name", Text, nullable=False, unique=True),
     Column("use_unknowns", Boolean, nullable=False),
+)
+
+heads = Table(
+    "heads",
+    metadata,
     # the row that a writer locks: numbers without gaps, in the order of commit
+    Column("kb_id", Integer, nullable=False),
+    Column("domain_version", Integer, nullable=False),
+    Column("present", Integer, nullable=False),
     Column("last_number", BigInteger, nullable=False),
     Column("last_time", BigInteger, nullable=False),
-    Column("history_from", BigInteger, nullable=False),
-    Column("domain_version", Integer, nullable=False),
+    Column("last_token", BigInteger, nullable=False),
+    # the last transaction that recorded late knowledge; 0 if there is none
+    Column("last_late", BigInteger, nullable=False),
+    Column("last_timeline", BigInteger, nullable=False),
     Column("last_run", BigInteger, nullable=False),
+    Column("history_from", BigInteger, nullable=False),
+    # the store that this one follows, and that alone is written to; null where this one is
+    Column("source", Text),
+    PrimaryKeyConstraint("kb_id"),
+    _knowledge_base(),
 )
 
 transactions = Table(
     "transactions",
     metadata,
     Column("kb_id", Integer, nullable=False),
+    Column("changes", Integer, nullable=False),
     Column("number", BigInteger, nullable=False),
     Column("recorded_time", BigInteger, nullable=False),
-    Column("changes", Integer, nullable=False),
+    # random: two histories that part have other tokens from there on
+    Column("token", BigInteger, nullable=False),
+    Column("last_timeline", BigInteger, nullable=False),
+    # the earliest time about which it recorded late knowledge
+    Column("late_from", BigInteger),
     Column("client", Text),
     Column("note", Text),
     PrimaryKeyConstraint("kb_id", "number"),
-    ForeignKeyConstraint(["kb_id"], ["knowledge_bases.id"]),
+    _knowledge_base(),
     sqlite_with_rowid=False,
 )
 
@@ -81,7 +125,7 @@ domains = Table(
     Column("source", Text, nullable=False),
     Column("sensed", Text, nullable=False),
     PrimaryKeyConstraint("kb_id", "version"),
-    ForeignKeyConstraint(["kb_id"], ["knowledge_bases.id"]),
+    _knowledge_base(),
     sqlite_with_rowid=False,
 )
 
@@ -95,23 +139,32 @@ symbols = Table(
     Column("arity", Integer, nullable=False),
     Column("labels", Text, nullable=False),
     PrimaryKeyConstraint("kb_id", "knowledge_type", "key"),
-    ForeignKeyConstraint(["kb_id"], ["knowledge_bases.id"]),
+    _knowledge_base(),
     sqlite_with_rowid=False,
 )
 
 timelines = Table(
     "timelines",
     metadata,
-    Column("id", _Id, primary_key=True),
     Column("kb_id", Integer, nullable=False),
     Column("role", SmallInteger, nullable=False),
     Column("knowledge_type", SmallInteger, nullable=False),
+    Column("id", BigInteger, nullable=False),
     # what it is about, in lower case and without brackets: "robot_at kenny wp0", "kenny", "" (the metric)
     Column("key", _Key, nullable=False),
     # the same as first written, where that differs
     Column("spelling", Text),
-    UniqueConstraint("kb_id", "role", "knowledge_type", "key"),
-    ForeignKeyConstraint(["kb_id"], ["knowledge_bases.id"]),
+    PrimaryKeyConstraint("kb_id", "id"),
+    _knowledge_base(),
+    sqlite_with_rowid=False,
+)
+Index(
+    "ux_timelines_key",
+    timelines.c.kb_id,
+    timelines.c.role,
+    timelines.c.knowledge_type,
+    timelines.c.key,
+    unique=True,
 )
 
 mentions = Table(
@@ -126,58 +179,43 @@ mentions = Table(
 
 
 def _assertions(name: str, *own: Column[object]) -> Table:
-    """A table of assertions: what all of them have, and its own columns."""
+    """A table of assertions: what all of them have, and its own columns.
+
+    On SQLite it has row ids: clustered by its key, it would read the state at a time in 1.3 times as long.
+    """
     table = Table(
         name,
         metadata,
-        Column("id", _Id, primary_key=True),
         Column("kb_id", Integer, nullable=False),
+        Column("seq", Integer, nullable=False),
+        Column("recorded_tx", BigInteger, nullable=False),
         Column("timeline_id", BigInteger, nullable=False),
         Column("initial_time", BigInteger, nullable=False),
         Column("end_time", BigInteger, nullable=False),
-        Column("is_negative", Boolean, nullable=False),
-        Column("recorded_tx", BigInteger, nullable=False),
-        # when it was recorded, where that was before its initial time (timed-initial knowledge)
-        Column("recorded_time", BigInteger),
         # set only by a transaction that ended it at the transaction's own time
         Column("ended_tx", BigInteger),
+        # the transaction that took it out of what is known now: cancelled, superseded, or ended as it began
+        Column("retired_tx", BigInteger),
+        # of a part that late knowledge left of another row: the transaction that first recorded it
+        Column("told_tx", BigInteger),
+        # where the interval tree keeps it (`kbstore.storage.interval_tree`); negative once it is retired
+        Column("level", SmallInteger, nullable=False),
         Column("end_cause", SmallInteger),
-        Column("cancelled_tx", BigInteger),
-        Column("cancelled_time", BigInteger),
-        # where the interval tree keeps [initial_time, end_time), and the span in which it was pending
-        Column("level", SmallInteger),
-        Column("pending_node", BigInteger),
+        Column("is_negative", Boolean, nullable=False),
         *own,
-        ForeignKeyConstraint(["timeline_id"], ["timelines.id"]),
-        ForeignKeyConstraint(["kb_id"], ["knowledge_bases.id"]),
+        PrimaryKeyConstraint("kb_id", "recorded_tx", "seq"),
+        ForeignKeyConstraint(["kb_id", "timeline_id"], ["timelines.kb_id", "timelines.id"]),
     )
     columns = table.c
-    for suffix, on, where in (
-        ("begin", (columns.level, columns.initial_time), "level IS NOT NULL"),
-        ("end", (columns.level, columns.end_time), "level IS NOT NULL"),
-        ("open", (columns.initial_time,), f"end_time = {OPEN}"),
-        ("recorded", (columns.recorded_tx,), None),
-        # what was replaced is found from what replaced it
-        ("ended", (columns.ended_tx,), "end_cause <> 2"),
-        ("cancelled", (columns.cancelled_tx,), "cancelled_tx IS NOT NULL"),
-        ("pending", (columns.pending_node,), "pending_node IS NOT NULL"),
-        ("scheduled", (columns.initial_time,), "recorded_time IS NOT NULL"),
-        ("empty", (columns.timeline_id,), "end_time <= initial_time"),
+    by_timeline = (columns.kb_id, columns.timeline_id, columns.initial_time)
+    for index, on, where, unique in (
+        (f"ux_{name}_timeline", by_timeline, "retired_tx IS NULL", True),
+        (f"ix_{name}_begin", (columns.kb_id, columns.level, columns.initial_time), None, False),
+        (f"ix_{name}_end", (columns.kb_id, columns.level, columns.end_time), f"end_time < {OPEN}", False),
+        (f"ix_{name}_retired", by_timeline, "retired_tx IS NOT NULL", False),
     ):
         clause = None if where is None else text(where)
-        # always so; but PostgreSQL, whatever it guesses, takes an index only where its condition is asked for
-        chosen = text(f"{where} AND {on[-1].name} >= 0") if suffix in ("begin", "end") else clause
-        Index(f"ix_{name}_{suffix}", columns.kb_id, *on, sqlite_where=clause, postgresql_where=chosen)
-    standing = text("end_time > initial_time")
-    Index(
-        f"ux_{name}_timeline",
-        columns.kb_id,
-        columns.timeline_id,
-        columns.initial_time,
-        unique=True,
-        sqlite_where=standing,
-        postgresql_where=standing,
-    )
+        Index(index, *on, unique=unique, sqlite_where=clause, postgresql_where=clause)
     return table
 
 
@@ -212,24 +250,67 @@ assertion_tables: dict[KnowledgeType, Table] = {
     KnowledgeType.INEQUALITY: inequalities,
 }
 
+schedules = Table(
+    "schedules",
+    metadata,
+    # one row for each assertion that was recorded before its initial time, whatever became of it
+    Column("kb_id", Integer, nullable=False),
+    Column("seq", Integer, nullable=False),
+    Column("recorded_tx", BigInteger, nullable=False),
+    Column("timeline_id", BigInteger, nullable=False),
+    Column("recorded_time", BigInteger, nullable=False),
+    Column("initial_time", BigInteger, nullable=False),
+    # when it took effect, or was cancelled
+    Column("until_time", BigInteger, nullable=False),
+    # where the interval tree keeps the span in which it was pending
+    Column("node", BigInteger),
+    Column("knowledge_type", SmallInteger, nullable=False),
+    # it was not told, but follows from what was
+    Column("is_derived", Boolean, nullable=False),
+    PrimaryKeyConstraint("kb_id", "recorded_tx", "seq"),
+    sqlite_with_rowid=False,
+)
+Index("ix_schedules_node", schedules.c.kb_id, schedules.c.node)
+Index("ix_schedules_initial_time", schedules.c.kb_id, schedules.c.initial_time)
+
+revisions = Table(
+    "revisions",
+    metadata,
+    # one row for each change of a stored row that was not simply open until it ended: what undoes it
+    Column("kb_id", Integer, nullable=False),
+    Column("seq", Integer, nullable=False),
+    Column("tx", BigInteger, nullable=False),
+    Column("recorded_tx", BigInteger, nullable=False),
+    Column("end_before", BigInteger, nullable=False),
+    Column("knowledge_type", SmallInteger, nullable=False),
+    # a `Revision`
+    Column("what", SmallInteger, nullable=False),
+    PrimaryKeyConstraint("kb_id", "tx", "recorded_tx", "seq"),
+    sqlite_with_rowid=False,
+)
+
 runs = Table(
     "runs",
     metadata,
     Column("kb_id", Integer, nullable=False),
     Column("number", BigInteger, nullable=False),
-    Column("operator", Text, nullable=False),
-    Column("arguments", Text, nullable=False),
+    Column("recorded_tx", BigInteger, nullable=False),
     Column("initial_time", BigInteger, nullable=False),
     Column("duration", BigInteger, nullable=False),
-    # what effects at its end depend on and was true at its start: conditions in PDDL, one a line
-    Column("remembered", Text),
     Column("end_time", BigInteger, nullable=False),
-    Column("outcome", String(7)),
-    Column("recorded_tx", BigInteger, nullable=False),
+    # its exact duration in seconds, of which `duration` is the rounding
+    Column("duration_s", Double, nullable=False),
     Column("ended_tx", BigInteger),
     Column("node", BigInteger),
+    Column("operator", Text, nullable=False),
+    Column("arguments", Text, nullable=False),
+    Column("outcome", String(7)),
+    # what its later effects depend on and was true at its start: conditions in PDDL, one a line
+    Column("remembered", Text),
+    # the conditions that did not hold and were overruled: in PDDL, one a line
+    Column("forced", Text),
     PrimaryKeyConstraint("kb_id", "number"),
-    ForeignKeyConstraint(["kb_id"], ["knowledge_bases.id"]),
+    _knowledge_base(),
     sqlite_with_rowid=False,
 )
 Index("ix_runs_node", runs.c.kb_id, runs.c.node)

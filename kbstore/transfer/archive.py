@@ -17,7 +17,8 @@ from kbstore.errors import HistoryUnavailable, InvalidTime
 from kbstore.model.plain import Result
 from kbstore.reading.reader import Reader
 from kbstore.storage.connection import StoreConnection
-from kbstore.storage.repository import Head, Repository
+from kbstore.storage.records import Head
+from kbstore.storage.repository import Repository
 from kbstore.transfer import queries as statements
 from kbstore.transfer.archive_file import ArchiveFile
 from kbstore.transfer.rows import Part, Progress, RowSource, Steps
@@ -59,11 +60,12 @@ class _Archiving:
     def done(self) -> Archived:
         """Copy, check, delete, give the space back."""
         with self._database.read() as session:
-            head = Repository(session, self._reader.kb, self._reader.cache).head()
+            repository = Repository(session, self._reader.kb, self._reader.cache)
+            head = repository.head()
             self._refuse_future(head)
             # what an archiving that was interrupted has left is deleted, too
             self._before = max(self._before, head.history_from)
-            upto = self._last_before(session, head)
+            upto = self._last_before(repository, head)
             if not upto:
                 return Archived(self._path, head.history_from, 0)
             self._copy(session, head, upto)
@@ -97,10 +99,10 @@ class _Archiving:
 
     # -- copying ----------------------------------------------------------------------------------------------
 
-    def _last_before(self, session: StoreConnection, head: Head) -> int:
+    def _last_before(self, repository: Repository, head: Head) -> int:
         """The number of the last transaction before the time; 0 if there was none."""
-        row = session.first(statements.first_since, self._at())
-        return head.number if row is None else int(row[0]) - 1
+        following = repository.first_transaction_from(self._before)
+        return head.number if following is None else following - 1
 
     def _copy(self, session: StoreConnection, head: Head, upto: int) -> None:
         """Make the archive have everything before the time, as far as it has not, and check it."""
@@ -130,17 +132,27 @@ class _Archiving:
         parameters = self._at() | {"upto": upto, "most": MOST}
         with self._database.begin() as session:
             deleted = [session.run(statement, parameters) for statement in statements.delete_ended_runs][-1]
-            runs = session.array([row[0] for row in session.all(statements.runs_recorded, parameters)])
+            for statement in statements.delete_side_rows:
+                session.run(statement, parameters)
         self._steps(deleted)
         for after in range(0, upto, WINDOW):
-            window = parameters | {"after": after, "upto": min(upto, after + WINDOW), "runs": runs}
+            window = parameters | {"after": after, "last": min(upto, after + WINDOW)}
             more = True
             while more:
                 with self._database.begin() as session:
                     counts = [session.run(statement, window) for statement in statements.delete_ended]
                     more = max(counts) >= MOST
-                    if not more:
-                        session.run(statements.delete_transactions, window)
                 deleted += sum(counts)
                 self._steps(sum(counts))
+        self._delete_transactions(parameters, upto)
         return deleted
+
+    def _delete_transactions(self, parameters: dict[str, int], upto: int) -> None:
+        """Delete the transactions that nothing refers to any more."""
+        with self._database.read() as session:
+            found = [row[0] for row in session.all(statements.referred, parameters)]
+            referred = session.array(found)
+        for after in range(0, upto, WINDOW):
+            with self._database.begin() as session:
+                window = parameters | {"after": after, "last": min(upto, after + WINDOW), "referred": referred}
+                session.run(statements.delete_transactions, window)

@@ -10,32 +10,16 @@ from pathlib import Path
 
 from kbstore.clock import OPEN, isoformat
 from kbstore.errors import HistoryUnavailable, InvalidKnowledge, StoreUnavailable
-from kbstore.messages import KnowledgeType
-from kbstore.model.timelines import Timeline
-from kbstore.reading.mentions import mentions
-from kbstore.reading.reader import as_running
-from kbstore.storage import queries, schema
+from kbstore.storage import directory, schema
 from kbstore.storage.connection import StoreConnection
 from kbstore.storage.database import Database
-from kbstore.storage.repository import Head, LogPosition, Repository, TimelineCache
-from kbstore.transfer.queries import ARCHIVE, HEAD_COLUMNS, assertions, by_table, drop_unfinished, quick_check
+from kbstore.storage.records import Head, LogPosition
+from kbstore.storage.repository import Repository, TimelineCache
+from kbstore.transfer.queries import ARCHIVE, assertions, by_table, quick_check, revisions_after
 from kbstore.transfer.rows import Part, Record, RowSource, RowTarget, batches, make_archive, sync_directory
-from kbstore.writing.action_executor import ActionExecutor
-from kbstore.writing.change_set import ChangeSet
-from kbstore.writing.recorder import Recorder
 
-CHECKED = (*assertions, "runs", "run_rates")
+CHECKED = (*assertions, "schedules", "runs", "run_rates")
 """The tables whose rows are counted before any is deleted."""
-
-_UNFINISHED: Record = {
-    "end_time": OPEN,
-    "ended_tx": None,
-    "end_cause": None,
-    "cancelled_tx": None,
-    "cancelled_time": None,
-    "outcome": None,
-}
-"""What is not known yet of what goes on."""
 
 _MAGIC = b"SQLite format 3\0"
 _MARK = slice(68, 72)
@@ -67,8 +51,8 @@ class ArchiveFile:
     def head(self) -> Head | None:
         """Where its record stands; None if it has nothing of the knowledge base yet. It ends right after that time."""
         with self._database.read() as session:
-            row = session.first(queries.find_knowledge_base, {"name": self._name})
-            return None if row is None else Repository(session, row[0], TimelineCache()).head()
+            found = directory.find(session, self._name)
+            return None if found is None else Repository(session, found.kb, TimelineCache()).head()
 
     def refuse_other(self, session: StoreConnection, head: Head, own: Head) -> None:
         """Raise unless what it has, up to `own`, goes on in the store that `session` reads.
@@ -98,24 +82,33 @@ class ArchiveFile:
         if own is not None:
             part = part._replace(after=own.number)
         source = RowSource(session, self._name, part)
+        past = _Past(session, source, part.upto, before)
+        head = Head(
+            number=part.upto,
+            time=before - 1,
+            token=source.token,
+            late=0 if own is None else own.late,
+            timeline=source.timeline,
+            last_run=0 if own is None else own.last_run,
+            domain_version=0,
+            history_from=part.since if own is None else own.history_from,
+            present=source.head.present,
+            source=None,
+        )
         with self._database.begin() as there:
             target = RowTarget(there, self._name, use_unknowns=source.use_unknowns)
-            if not target.is_new:
-                for statement in drop_unfinished:
-                    there.run(statement, {"kb": target.kb, "since": part.since})
-            domain_version, last_run = 0, 0 if own is None else own.last_run
             for table in by_table:
                 for records in batches(source.records(table)):
-                    target.add(table, [_as_before(record, before) for record in records])
+                    target.add(table, [past.of(table, record) for record in records])
                     step(len(records))
                     if table == "domains":
-                        domain_version = records[-1]["version"]
+                        head = head._replace(domain_version=records[-1]["version"])
                     elif table == "runs":
-                        last_run = max(last_run, records[-1]["number"])
-            history_from = part.since if own is None else own.history_from
-            head = Head(part.upto, before - 1, history_from, domain_version, last_run)
-            target.put_head(dict(zip(HEAD_COLUMNS, head, strict=True)))
-            _settle(there, target.kb, head)
+                        head = head._replace(last_run=max(head.last_run, records[-1]["number"]))
+                    elif table == "transactions":
+                        late = [record["number"] for record in records if record["late_from"] is not None]
+                        head = head._replace(late=max(head.late, *late, 0))
+            target.put_head(head)
 
     def check(self, part: Part, counts: dict[str, int]) -> None:
         """Raise `StoreUnavailable` unless the file is sound and has as many rows of each table as were counted."""
@@ -153,26 +146,49 @@ def _is_part(some: Iterator[Record], all_of_them: Iterator[Record]) -> bool:
     return all(any(record == other for other in all_of_them) for record in some)
 
 
-def _as_before(record: Record, before: int) -> Record:
-    """A row as it was just before a time: what ended or was cancelled later goes on."""
-    end, cancelled = record.get("end_time"), record.get("cancelled_time")
-    if end is None or end < before or (cancelled is not None and cancelled < before):
+class _Past:
+    """Rows as they were after the transaction `upto`, right before the time `before` of the next."""
+
+    def __init__(self, connection: StoreConnection, source: RowSource, upto: int, before: int) -> None:
+        self._upto = upto
+        self._before = before
+        self._revisions: dict[tuple[int, int], tuple[int, int]] = {}
+        parameters = {"kb": source.kb, "upto": upto}
+        for number, seq, tx, end_before in connection.all(revisions_after, parameters):
+            self._revisions.setdefault((number, seq), (tx, end_before))
+        self._rates: dict[int, float] = {}
+        for run in source.repository.running(LogPosition(before - 1)):
+            for timeline, rate in run.rates:
+                self._rates[timeline.id] = self._rates.get(timeline.id, 0.0) + rate
+
+    def of(self, table: str, record: Record) -> Record:
+        """A row as it was."""
+        if table in assertions:
+            return self._assertion(table, record)
+        if table == "schedules" and self._before <= record["until_time"] < record["initial_time"]:
+            # cancelled later
+            return record | {"until_time": record["initial_time"]}
+        if table == "runs" and self._is_later(record["ended_tx"]):
+            return record | {"end_time": OPEN, "ended_tx": None, "outcome": None}
         return record
-    return record | {name: value for name, value in _UNFINISHED.items() if name in record}
 
+    def _assertion(self, table: str, record: Record) -> Record:
+        ended = record["ended_tx"]
+        revision = self._revisions.get((record["recorded_tx"], record["seq"]))
+        if revision is not None and (not self._is_later(ended) or revision[0] <= ended):
+            # the first change after `upto` tells the end before it
+            record = record | {"end_time": revision[1]}
+        elif self._is_later(ended):
+            # what ended without a revision had been open
+            record = record | {"end_time": OPEN}
+        if self._is_later(ended):
+            record = record | {"ended_tx": None, "end_cause": None}
+        if self._is_later(record["retired_tx"]):
+            record = record | {"retired_tx": None}
+        if table == "functions" and record["initial_time"] >= self._before:
+            # what is scheduled moves with what ran then
+            record = record | {"rate": record["own_rate"] + self._rates.get(record["timeline_id"], 0.0)}
+        return record
 
-def _settle(session: StoreConnection, kb: int, head: Head) -> None:
-    """Derive the ends that lie ahead, and the rates of what is scheduled, as they were expected then."""
-    repository = Repository(session, kb, TimelineCache())
-    moment = LogPosition(head.time)
-    draft = ChangeSet(repository, head.time, mentions)
-    timelines: dict[int, Timeline] = {}
-    for kind in KnowledgeType:
-        for timeline, *_ in (*repository.state_at(kind, moment), *repository.scheduled_at(kind, moment)):
-            timelines[timeline.id] = timeline
-    draft.loaded(timelines.values())
-    running = [as_running(row) for row in repository.running(moment)]
-    draft.contributions = ActionExecutor(draft, running, head.last_run).contributions()
-    writes = draft.finish(head.number)
-    assert not writes.changes
-    Recorder(session, kb, head.number, head.time).write(writes)
+    def _is_later(self, number: int | None) -> bool:
+        return number is not None and number > self._upto

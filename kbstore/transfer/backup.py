@@ -6,9 +6,9 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any
 
-from kbstore.storage import schema
+from kbstore.storage import directory, schema
 from kbstore.storage.database import Database
-from kbstore.transfer.rows import Progress, RowSource, RowTarget, Steps, Store, copy, names_in, new_file, opened
+from kbstore.transfer.rows import Progress, RowSource, RowTarget, Steps, Store, copy, new_file, opened
 
 _PAGES = 2000
 """How many pages of an SQLite file are copied between two calls of the progress callback."""
@@ -64,7 +64,7 @@ def _copy_rows(database: Database, path: Path, progress: Progress | None) -> Non
         with copied.wrap_errors():
             schema.ensure(copied.engine, read_only=False)
         with database.read() as source, copied.begin() as target:
-            sources = [RowSource(source, name) for name in names_in(source)]
+            sources = [RowSource(source, name) for name in directory.names(source)]
             steps = Steps(progress, sum(sum(found.counts().values()) for found in sources))
             for found in sources:
                 made = RowTarget(target, found.name, use_unknowns=found.use_unknowns)

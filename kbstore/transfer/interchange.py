@@ -11,7 +11,7 @@ from typing import IO
 
 from kbstore.errors import InvalidKnowledge, KbStoreError, StoreUnavailable
 from kbstore.transfer.jsonl import JsonLinesReader, JsonLinesWriter
-from kbstore.transfer.queries import HEAD_COLUMNS, by_table
+from kbstore.transfer.queries import by_table
 from kbstore.transfer.rows import Progress, RowSource, RowTarget, Steps, Store, batches, new_file, opened
 
 File = str | os.PathLike[str] | IO[bytes]
@@ -44,7 +44,7 @@ def _export(source: RowSource, output: IO[bytes], progress: Progress | None) -> 
     counts = source.counts()
     steps = Steps(progress, sum(counts.values()))
     writer = JsonLinesWriter(output)
-    writer.header({"name": source.name, "use_unknowns": source.use_unknowns, **source.head}, counts)
+    writer.header(source.name, source.head, counts, use_unknowns=source.use_unknowns)
     for table in by_table:
         for records in batches(source.records(table)):
             writer.records(table, records)
@@ -86,7 +86,7 @@ def import_knowledge_base(url: Store, file: File, name: str | None = None, *, pr
                     target.add(table, records)
                     steps(len(records))
             lines.end()
-            target.put_head({column: header[column] for column in HEAD_COLUMNS})
+            target.put_head(lines.head)
     return name
 
 

@@ -21,7 +21,9 @@ from kbstore.messages import ComparisonType, KnowledgeType
 from kbstore.model.timelines import EndCause, Role, stored_key
 from kbstore.names import key
 from kbstore.storage import tables
-from kbstore.transfer.queries import HEAD_COLUMNS, TransferColumn, by_table
+from kbstore.storage.assertion_queries import HEAD_COLUMNS
+from kbstore.storage.records import Head
+from kbstore.transfer.queries import HEAD, TransferColumn, by_table
 from kbstore.transfer.rows import Record
 
 VERSION = 1
@@ -41,7 +43,7 @@ _CHOICES: dict[str, frozenset[object]] = {
 }
 _KINDS: dict[str, int] = {table.name: int(kind) for kind, table in tables.assertion_tables.items()}
 _TIMELINES: Final = ("timeline_id", "object_id")
-_TRANSACTIONS: Final = ("recorded_tx", "ended_tx", "cancelled_tx")
+_TRANSACTIONS: Final = ("recorded_tx", "ended_tx", "retired_tx", "told_tx", "tx")
 
 
 class JsonLinesWriter:
@@ -51,21 +53,15 @@ class JsonLinesWriter:
         self._stream = stream
         self._seal = 0
         self._rows = 0
-        self._timelines = array("q")
 
-    def header(self, about: Mapping[str, object], rows: Mapping[str, int]) -> None:
+    def header(self, name: str, head: Head, rows: Mapping[str, int], *, use_unknowns: bool) -> None:
         """The first line: what the knowledge base is, and how many rows of each table follow."""
+        about = {"name": name, "use_unknowns": use_unknowns} | _named(head)
         self._write({"format": _FORMAT, "version": VERSION, **about, "rows": rows})
 
     def records(self, table: str, records: Sequence[Record]) -> None:
-        """Rows of a table; timelines are counted from 1, so that the file is the same from any store."""
+        """Rows of a table."""
         for record in records:
-            if table == "timelines":
-                self._timelines.append(record["id"])
-                record["id"] = len(self._timelines)
-            for name in _TIMELINES:
-                if name in record:
-                    record[name] = bisect_left(self._timelines, record[name]) + 1
             shown = {name: value for name, value in record.items() if value is not None}
             if shown.get("end_time") == OPEN:
                 del shown["end_time"]
@@ -117,7 +113,7 @@ class JsonLinesReader:
         if not (
             _is_text(line.get("name"))
             and type(line.get("use_unknowns")) is bool
-            and all(_is_number(line.get(column)) for column in HEAD_COLUMNS)
+            and all(_is_number(line.get(column)) for column in HEAD)
             and max(line["last_time"], line["history_from"]) < TIME_LIMIT
             and isinstance(rows, dict)
             and rows.keys() == by_table.keys()
@@ -125,8 +121,13 @@ class JsonLinesReader:
         ):
             self._refuse("is not a header as kbstore writes it")
         self._left = rows
-        self._head = {name: line[name] for name in HEAD_COLUMNS}
+        self._head = {name: line[name] for name in HEAD}
         return line
+
+    @property
+    def head(self) -> Head:
+        """Where the record stands, as the first line says."""
+        return Head(*(self._head.get(name) for name in HEAD_COLUMNS))  # type: ignore[arg-type]
 
     def records(self, table: str) -> Iterator[Record]:
         """The rows of the next table."""
@@ -197,6 +198,8 @@ class JsonLinesReader:
             case "timelines":
                 self._follows(self._timelines, record["id"])
                 self._kinds.append(record["knowledge_type"])
+                if record["id"] > self._head["last_timeline"]:
+                    self._refuse("is a timeline after the last one that the first line names")
                 if record["spelling"] is not None and stored_key(key(record["spelling"])) != record["key"]:
                     self._refuse("has a spelling that is not that of its key")
             case "transactions":
@@ -230,6 +233,11 @@ class JsonLinesReader:
 
     def _refuse(self, problem: str) -> NoReturn:
         raise InvalidKnowledge(f"{self._label}: line {self._number} {problem}; nothing has been imported")
+
+
+def _named(head: Head) -> dict[str, object]:
+    columns = dict(zip(HEAD_COLUMNS, head, strict=True))
+    return {name: columns[name] for name in HEAD}
 
 
 def _place(numbers: "array[int]", wanted: int) -> int | None:

@@ -1,24 +1,20 @@
 """The SQL statements that carry a whole knowledge base from one store to another, and that delete what was archived.
 
-They are made from `kbstore.storage.tables`, so that no column can be forgotten. Numbers that only mean something
-within one store (of a knowledge base, of a row) and what is derived from other columns do not travel.
+They are made from `kbstore.storage.tables`, so that no column can be forgotten. A row has the same key in every store;
+only the number of the knowledge base, and what is derived from other columns, do not travel.
 """
 
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
-from sqlalchemy import Boolean, Double, Integer, Table
+import sqlalchemy as sa
+from sqlalchemy import Boolean, Double, Integer, Table, and_, or_, select
 
 from kbstore.storage import tables
-from kbstore.storage.statements import Statement
+from kbstore.storage.assertion_queries import HEAD_COLUMNS
+from kbstore.storage.statements import KB, Batch, Statement, among, constant, insert, parameter
 
-_DERIVED: Final = ("level", "node", "pending_node")
+_DERIVED: Final = ("level", "node")
 """Columns that say where the interval trees keep a row."""
-
-_LOCAL: Final = ("kb_id", *_DERIVED)
-"""Columns that do not travel."""
-
-_CHOSEN: Final = "recorded_tx <= :upto AND end_time >= :since"
-"""Rows that were recorded up to a transaction, and had not ended before a time."""
 
 
 class TransferColumn(NamedTuple):
@@ -32,26 +28,32 @@ class TransferColumn(NamedTuple):
 class TableQueries:
     """The statements for one table."""
 
-    def __init__(self, table: Table, chosen: str, order: str, *, conflict: str = "") -> None:
+    def __init__(self, table: Table, *chosen: Any, replacing: tuple[str, ...] = ()) -> None:
+        """`chosen` says which rows are read, and `replacing` which columns of a row that is there already are written.
+
+        Rows are read in the order of the key, so that nothing is sorted.
+        """
         self.table = table.name
-        local = _LOCAL if table is tables.timelines else (*_LOCAL, "id")
         self.columns = tuple(
             TransferColumn(column.name, _python_type(column.type), bool(column.nullable))
             for column in table.columns
-            if column.name not in local
+            if column.name not in ("kb_id", *_DERIVED)
         )
-        names = [column.name for column in self.columns]
-        rows = f"FROM {table.name} WHERE kb_id = :kb AND {chosen}"
-        self.read = Statement(f"SELECT {', '.join(names)} {rows} ORDER BY {order}")
-        """The rows in an order in which they can be written again."""
-        self.count = Statement(f"SELECT count(*) {rows}")
-        self.derived = tuple(name for name in _DERIVED if name in table.columns)
-        added = ["kb_id", *names, *self.derived]
-        values = [":kb", *(f":{name}" for name in added[1:])]
-        self.add = Statement(
-            f"INSERT INTO {table.name} ({', '.join(added)}) VALUES ({', '.join(values)})"
-            + (conflict and f" ON CONFLICT {conflict}")
-        )
+        keys = [column for column in table.primary_key.columns if column.name != "kb_id"]
+        rows = (table.c.kb_id == KB, *chosen)
+        self.read = Statement(select(*(table.c[column.name] for column in self.columns)).where(*rows).order_by(*keys))
+        self.count = Statement(select(sa.func.count()).select_from(table).where(*rows))
+
+        def add(dialect: str) -> Any:
+            added = insert(dialect, table)
+            if not replacing:
+                return added.on_conflict_do_nothing()
+            return added.on_conflict_do_update(
+                index_elements=list(table.primary_key.columns),
+                set_={name: added.excluded[name] for name in replacing},
+            )
+
+        self.add = Batch(add, *table.columns.keys())
 
 
 def _python_type(kind: object) -> type:
@@ -62,107 +64,190 @@ def _python_type(kind: object) -> type:
     return float if isinstance(kind, Double) else str
 
 
-_ALL: Final = "1 = 1"
+def _changing(table: Table) -> tuple[str, ...]:
+    """The columns of a table that are not its key."""
+    return tuple(column.name for column in table.columns if not column.primary_key)
+
+
+def _until(column: Any) -> Any:
+    return column <= parameter("upto")
+
+
+def _unarchived(table: Table) -> Any:
+    """Rows that an archive which ends right before :since, after the transaction :gone, does not have as they are."""
+    known = or_(table.c.end_time >= parameter("since"), table.c.recorded_tx > parameter("gone"))
+    if table is tables.runs:
+        return known
+    return or_(known, and_(table.c.retired_tx > parameter("gone"), _until(table.c.retired_tx)))
+
+
+_transactions, _revisions, _schedules = tables.transactions.c, tables.revisions.c, tables.schedules.c
+_runs, _rates, _domains = tables.runs.c, tables.run_rates.c, tables.domains.c
+
+_chosen_runs = and_(_until(_runs.recorded_tx), _unarchived(tables.runs))
 
 assertions: dict[str, TableQueries] = {
-    # in the order of an index, so that nothing is sorted; of one transaction, as they were written
-    table.name: TableQueries(table, _CHOSEN, "recorded_tx, id")
+    table.name: TableQueries(table, _until(table.c.recorded_tx), _unarchived(table), replacing=_changing(table))
     for table in tables.assertion_tables.values()
 }
 
 by_table: dict[str, TableQueries] = {
-    "timelines": TableQueries(tables.timelines, _ALL, "id"),
-    # what an archive that is continued has already is left as it is
-    "mentions": TableQueries(tables.mentions, _ALL, "object_id, timeline_id", conflict="DO NOTHING"),
-    "transactions": TableQueries(tables.transactions, "number > :after AND number <= :upto", "number"),
-    "domains": TableQueries(tables.domains, "recorded_tx <= :upto", "version", conflict="DO NOTHING"),
-    "symbols": TableQueries(
-        tables.symbols,
-        _ALL,
-        "knowledge_type, key",
-        conflict="(kb_id, knowledge_type, key) DO UPDATE SET labels = excluded.labels",
+    "timelines": TableQueries(tables.timelines, tables.timelines.c.id <= parameter("timelines")),
+    "mentions": TableQueries(tables.mentions, tables.mentions.c.timeline_id <= parameter("timelines")),
+    "transactions": TableQueries(
+        tables.transactions, _transactions.number > parameter("after"), _until(_transactions.number)
     ),
+    "domains": TableQueries(tables.domains, _until(_domains.recorded_tx)),
+    "symbols": TableQueries(tables.symbols, replacing=("labels",)),
     **assertions,
-    "runs": TableQueries(tables.runs, _CHOSEN, "number"),
+    "schedules": TableQueries(
+        tables.schedules,
+        _until(_schedules.recorded_tx),
+        or_(_schedules.until_time >= parameter("since"), _schedules.recorded_tx > parameter("gone")),
+        replacing=_changing(tables.schedules),
+    ),
+    "revisions": TableQueries(tables.revisions, _revisions.tx > parameter("gone"), _until(_revisions.tx)),
+    "runs": TableQueries(tables.runs, _chosen_runs, replacing=_changing(tables.runs)),
     "run_rates": TableQueries(
-        tables.run_rates,
-        f"run_number IN (SELECT number FROM runs WHERE kb_id = :kb AND {_CHOSEN})",
-        "run_number, timeline_id",
+        tables.run_rates, _rates.run_number.in_(select(_runs.number).where(_runs.kb_id == KB, _chosen_runs))
     ),
 }
 """The tables in the order in which they are written: each row after those that it refers to."""
 
-HEAD_COLUMNS: Final = ("last_number", "last_time", "history_from", "domain_version", "last_run")
-"""Where the record of a knowledge base stands: columns of its own row."""
+HEAD: Final = tuple(name for name in HEAD_COLUMNS if name != "source")
+"""Where the record of a knowledge base stands, as far as it is true of a copy, too."""
 
-put_head = Statement(
-    f"UPDATE knowledge_bases SET {', '.join(f'{name} = :{name}' for name in HEAD_COLUMNS)} WHERE id = :kb"
+last_transaction = Statement(
+    select(_transactions.token, _transactions.last_timeline)
+    .where(_transactions.kb_id == KB, _until(_transactions.number))
+    .order_by(_transactions.number.desc())
+    .limit(constant(1))
 )
+"""The token of the last transaction up to :upto, and the last timeline that there was then."""
+
+revisions_after = Statement(
+    select(_revisions.recorded_tx, _revisions.seq, _revisions.tx, _revisions.end_before)
+    .where(_revisions.kb_id == KB, _revisions.tx > parameter("upto"), _revisions.recorded_tx <= parameter("upto"))
+    .order_by(_revisions.tx)
+)
+"""How later transactions changed the rows that had been recorded by the transaction :upto."""
 
 # -- archiving ------------------------------------------------------------------------------------------------
 
-first_since = Statement(
-    "SELECT number FROM transactions WHERE kb_id = :kb AND recorded_time >= :t ORDER BY number LIMIT 1"
+_heads = tables.heads.c
+
+archive_history = Statement(
+    tables.heads.update()
+    .where(_heads.kb_id == KB, _heads.history_from < parameter("t"))
+    .values(history_from=parameter("t"))
 )
-"""The first transaction of a time or later."""
 
-archive_history = Statement("UPDATE knowledge_bases SET history_from = :t WHERE id = :kb AND history_from < :t")
-
-_RUNS_SINCE = "FROM runs WHERE kb_id = :kb AND end_time >= :since"
-
-drop_unfinished = (
-    Statement(f"DELETE FROM run_rates WHERE kb_id = :kb AND run_number IN (SELECT number {_RUNS_SINCE})"),
-    *(Statement(f"DELETE FROM {name} WHERE kb_id = :kb AND end_time >= :since") for name in (*assertions, "runs")),
-)
-"""From an archive, what had not ended at a time: the store still has it, and knows more of it."""
-
-_ENDED_RUNS = "FROM runs WHERE kb_id = :kb AND end_time < :t"
+_ended_runs = and_(_runs.kb_id == KB, _runs.end_time < parameter("t"), _until(_runs.recorded_tx))
 
 delete_ended_runs = (
-    Statement(f"DELETE FROM run_rates WHERE kb_id = :kb AND run_number IN (SELECT number {_ENDED_RUNS})"),
-    Statement(f"DELETE {_ENDED_RUNS}"),
+    Statement(
+        tables.run_rates.delete().where(
+            _rates.kb_id == KB, _rates.run_number.in_(select(_runs.number).where(_ended_runs))
+        )
+    ),
+    Statement(tables.runs.delete().where(_ended_runs)),
 )
 
-_ENDED = "kb_id = :kb AND recorded_tx > :after AND recorded_tx <= :upto AND end_time < :t"
 
-delete_ended = tuple(
-    Statement(f"DELETE FROM {name} WHERE id IN (SELECT id FROM {name} WHERE {_ENDED} LIMIT :most)")
-    for name in assertions
+def _ended(table: Table) -> Any:
+    """Rows that ended before :t, and have not been changed by a transaction after :upto."""
+    columns = table.c
+    return and_(
+        columns.kb_id == KB,
+        columns.recorded_tx <= parameter("upto"),
+        columns.end_time < parameter("t"),
+        or_(columns.retired_tx.is_(None), _until(columns.retired_tx)),
+    )
+
+
+def _delete_ended(table: Table) -> Statement:
+    key = (table.c.recorded_tx, table.c.seq)
+    window = and_(table.c.recorded_tx > parameter("after"), table.c.recorded_tx <= parameter("last"))
+    found = select(*key).where(_ended(table), window).limit(parameter("most"))
+    return Statement(table.delete().where(table.c.kb_id == KB, sa.tuple_(*key).in_(found)))
+
+
+delete_ended = tuple(_delete_ended(table) for table in tables.assertion_tables.values())
+"""At most :most rows of each table that the transactions after :after and up to :last recorded, and that ended."""
+
+count_ended = (
+    *(
+        Statement(select(sa.func.count()).select_from(table).where(_ended(table)))
+        for table in tables.assertion_tables.values()
+    ),
+    Statement(select(sa.func.count()).select_from(tables.runs).where(_ended_runs)),
 )
-"""At most :most rows of each table that the transactions after :after and up to :upto recorded, and that ended."""
 
-count_ended = tuple(
-    Statement(f"SELECT count(*) FROM {name} WHERE kb_id = :kb AND recorded_tx <= :upto AND end_time < :t")
-    for name in (*assertions, "runs")
+delete_side_rows = (
+    Statement(
+        tables.schedules.delete().where(
+            _schedules.kb_id == KB, _schedules.until_time < parameter("t"), _until(_schedules.recorded_tx)
+        )
+    ),
+    Statement(tables.revisions.delete().where(_revisions.kb_id == KB, _until(_revisions.tx))),
 )
 
-runs_recorded = Statement("SELECT recorded_tx FROM runs WHERE kb_id = :kb AND recorded_tx <= :upto")
 
-_UNUSED = " AND ".join(
-    f"NOT EXISTS (SELECT 1 FROM {name} f WHERE f.kb_id = :kb AND f.{column} = transactions.number)"
-    for name, column in (
-        *((name, column) for name in assertions for column in ("recorded_tx", "cancelled_tx")),
-        ("domains", "recorded_tx"),
+def _referred(table: Table) -> Any:
+    """The transactions up to :upto that rows name otherwise than as the one that recorded them."""
+    columns = table.c
+    late = select(columns.told_tx).select_from(
+        tables.transactions.join(
+            table, and_(columns.kb_id == KB, columns.recorded_tx == _transactions.number, _until(columns.told_tx))
+        )
+    )
+    retired = (columns.kb_id == KB, columns.retired_tx.is_not(None))
+    return (
+        late.where(_transactions.kb_id == KB, _transactions.late_from.is_not(None)),
+        select(columns.retired_tx).where(*retired, _until(columns.retired_tx)),
+        select(columns.ended_tx).where(*retired, _until(columns.ended_tx)),
+    )
+
+
+referred = Statement(
+    sa.union(
+        *(part for table in tables.assertion_tables.values() for part in _referred(table)),
+        select(_runs.recorded_tx).where(_runs.kb_id == KB, _until(_runs.recorded_tx)),
     )
 )
 
-delete_transactions = Statement(
-    "DELETE FROM transactions WHERE kb_id = :kb AND number > :after AND number <= :upto AND recorded_time < :t"
-    f" AND number NOT IN (SELECT value FROM EACH(runs AS bigint)) AND {_UNUSED}"
-)
-"""The transactions after :after and up to :upto that nothing refers to any more."""
+
+def _delete_transactions() -> Any:
+    recording = [
+        select(constant(1)).where(columns.kb_id == KB, columns.recorded_tx == _transactions.number)
+        for columns in (_domains, *(table.c for table in tables.assertion_tables.values()))
+    ]
+    return tables.transactions.delete().where(
+        _transactions.kb_id == KB,
+        _transactions.number > parameter("after"),
+        _transactions.number <= parameter("last"),
+        _transactions.recorded_time < parameter("t"),
+        sa.not_(among(_transactions.number, "referred")),
+        *(sa.not_(found.correlate(tables.transactions).exists()) for found in recording),
+    )
+
+
+delete_transactions = Statement(_delete_transactions())
+"""The transactions after :after and up to :last that nothing refers to any more."""
+
+_vacuumed = ", ".join((*assertions, "transactions", "schedules", "revisions", "runs", "run_rates"))
 
 reclaim = {
-    "sqlite": (Statement("VACUUM"), Statement("PRAGMA wal_checkpoint(TRUNCATE)")),
-    "postgresql": (Statement(f"VACUUM ANALYZE {', '.join((*assertions, 'transactions', 'runs', 'run_rates'))}"),),
+    "sqlite": (Statement(sa.text("VACUUM")), Statement(sa.text("PRAGMA wal_checkpoint(TRUNCATE)"))),
+    "postgresql": (Statement(sa.text(f"VACUUM ANALYZE {_vacuumed}")),),
 }
 """Gives the space of deleted rows back: to the file system on SQLite, to the tables on PostgreSQL."""
 
 ARCHIVE: Final = int.from_bytes(b"kbar")
 """The number in an SQLite file's header that marks it as an archive."""
 
-mark_archive = Statement(f"PRAGMA application_id = {ARCHIVE}")
+mark_archive = Statement(sa.text(f"PRAGMA application_id = {ARCHIVE}"))
 
-application_id = Statement("PRAGMA application_id")
+application_id = Statement(sa.text("PRAGMA application_id"))
 
-quick_check = Statement("PRAGMA quick_check")
+quick_check = Statement(sa.text("PRAGMA quick_check"))

@@ -2,9 +2,7 @@
 
 import os
 import sqlite3
-from array import array
-from bisect import bisect_left
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from itertools import islice
 from pathlib import Path
@@ -15,19 +13,14 @@ from sqlalchemy.engine import URL
 
 from kbstore.clock import OPEN
 from kbstore.errors import InvalidKnowledge, StoreUnavailable
-from kbstore.storage import queries, schema
+from kbstore.storage import directory, schema
 from kbstore.storage.connection import StoreConnection
 from kbstore.storage.database import Database
-from kbstore.storage.interval_tree import level, node
-from kbstore.transfer.queries import (
-    ARCHIVE,
-    HEAD_COLUMNS,
-    TableQueries,
-    application_id,
-    by_table,
-    mark_archive,
-    put_head,
-)
+from kbstore.storage.interval_tree import EMPTY_LEVEL, level, node, superseded
+from kbstore.storage.recorder import put_head
+from kbstore.storage.records import Head
+from kbstore.storage.repository import Repository, TimelineCache
+from kbstore.transfer.queries import ARCHIVE, application_id, by_table, last_transaction, mark_archive
 
 Store = str | os.PathLike[str] | URL | Engine
 """What names a store: a SQLAlchemy URL, the path of an SQLite file, or an `Engine` of the caller's."""
@@ -45,7 +38,8 @@ BATCH = 2000
 class Part(NamedTuple):
     """What is taken of a knowledge base: what transactions after one and up to another recorded.
 
-    Of rows that have an end, those that had ended before `since` are left out.
+    Left out is what had ended before `since`, unless it was recorded or retired after the last transaction before that
+    time: what is there is in the archive that ends at that time.
     """
 
     after: int = 0
@@ -57,28 +51,42 @@ EVERYTHING = Part()
 
 
 class RowSource:
-    """Reads a knowledge base on one snapshot of its store."""
+    """Reads a part of a knowledge base on one snapshot of its store.
 
-    def __init__(self, session: StoreConnection, name: str, part: Part = EVERYTHING) -> None:
-        row = session.first(queries.find_knowledge_base, {"name": name})
-        if row is None:
-            names = ", ".join(names_in(session)) or "none"
+    Attributes:
+        head: where the record stands in the store.
+        token: that of the last transaction of the part.
+        timeline: the last timeline of the part.
+    """
+
+    def __init__(self, connection: StoreConnection, name: str, part: Part = EVERYTHING) -> None:
+        found = directory.find(connection, name)
+        if found is None:
+            names = ", ".join(directory.names(connection)) or "none"
             raise StoreUnavailable(f"there is no knowledge base {name!r} in this store; there is: {names}")
         self.name = name
-        self.use_unknowns = bool(row[1])
-        self._session = session
-        self._chosen = {"kb": row[0], **part._asdict()}
-        head = session.first(queries.head, {"kb": row[0]})
-        assert head is not None
-        self.head: dict[str, int] = dict(zip(HEAD_COLUMNS, head, strict=True))
+        self.use_unknowns = found.use_unknowns
+        self._connection = connection
+        self.kb = found.kb
+        self.repository = Repository(connection, found.kb, TimelineCache())
+        self.head = self.repository.head()
         # what an archiving that was interrupted has yet to delete is not there any more
-        self._chosen["since"] = max(part.since, self.head["history_from"])
+        since = max(part.since, self.head.history_from)
+        self._chosen = {"kb": found.kb, **part._asdict(), "since": since}
+        self._chosen["gone"] = self._last_before(since) if since else 0
+        last = connection.first(last_transaction, self._chosen)
+        self.token, self.timeline = (0, 0) if last is None else last
+        self._chosen["timelines"] = self.timeline
+
+    def _last_before(self, time: int) -> int:
+        following = self.repository.first_transaction_from(time)
+        return self.head.number if following is None else following - 1
 
     def counts(self) -> dict[str, int]:
         """The number of rows of each table."""
         found = {}
         for name, statements in by_table.items():
-            row = self._session.first(statements.count, self._chosen)
+            row = self._connection.first(statements.count, self._chosen)
             found[name] = 0 if row is None else int(row[0])
         return found
 
@@ -87,7 +95,7 @@ class RowSource:
         statements = by_table[table]
         names = [column.name for column in statements.columns]
         flags = [column.name for column in statements.columns if column.type is bool]
-        for row in self._session.stream(statements.read, self._chosen):
+        for row in self._connection.stream(statements.read, self._chosen):
             record = dict(zip(names, row, strict=True))
             for name in flags:
                 record[name] = bool(record[name])
@@ -95,79 +103,43 @@ class RowSource:
 
 
 class RowTarget:
-    """Writes rows of one knowledge base, on a session with a write transaction; timelines get numbers of this store.
+    """Writes rows of one knowledge base, on a connection with a write transaction.
 
-    A new knowledge base is made if there is none of that name; `is_new` tells.
+    A new knowledge base is made if there is none of that name; `is_new` tells. Rows that are there already, by their
+    keys, are replaced as far as they can change.
     """
 
-    def __init__(self, session: StoreConnection, name: str, *, use_unknowns: bool) -> None:
-        self.is_new = bool(
-            session.run(queries.add_knowledge_base, {"name": name, "use_unknowns": use_unknowns}),
-        )
-        row = session.first(queries.find_knowledge_base, {"name": name})
-        assert row is not None
-        self.kb: int = row[0]
-        self._session = session
-        self._old = array("q")
-        self._new = array("q")
+    def __init__(self, connection: StoreConnection, name: str, *, use_unknowns: bool) -> None:
+        found, self.is_new = directory.create(connection, name, use_unknowns=use_unknowns)
+        self.kb = found.kb
+        self._connection = connection
 
     def add(self, table: str, records: Sequence[Record]) -> None:
-        """Write rows of a table; tables come in the order of `by_table`, timelines in the order of their numbers."""
-        statements = by_table[table]
-        if table == "timelines":
-            records = self._numbered(records)
-        else:
-            records = [self._renumbered(statements, record) for record in records]
-        self._session.many(statements.add, records)
+        """Write rows of a table; tables come in the order of `by_table`."""
+        statement = by_table[table].add
+        self._connection.many(statement, [self._row(statement.columns, record) for record in records])
 
-    def put_head(self, head: Mapping[str, int]) -> None:
-        """Where the record stands."""
-        self._session.run(put_head, {"kb": self.kb, **head})
+    def put_head(self, head: Head) -> None:
+        """Say where the record stands; whoever follows another store does so in that store only."""
+        put_head(self._connection, self.kb, head._replace(source=None))
 
-    def _numbered(self, records: Sequence[Record]) -> list[Record]:
-        """Those timelines that are new, with their numbers; all of them are remembered."""
-        there = {} if self.is_new else self._there(records)
-        new = [record for record in records if _identity(record) not in there]
-        numbers = dict(zip(map(_identity, new), self._session.timeline_ids(len(new)), strict=True))
-        for record in records:
-            self._old.append(record["id"])
-            self._new.append((there if _identity(record) in there else numbers)[_identity(record)])
-        return [record | {"id": numbers[_identity(record)], "kb": self.kb} for record in new]
-
-    def _there(self, records: Iterable[Record]) -> dict[tuple[Any, ...], int]:
-        """The numbers of timelines that are stored already."""
-        keys: dict[tuple[int, int], list[str]] = {}
-        for record in records:
-            keys.setdefault((record["role"], record["knowledge_type"]), []).append(record["key"])
-        found = {}
-        for (role, kind), wanted in keys.items():
-            parameters = {"kb": self.kb, "role": role, "kind": kind, "keys": self._session.array(wanted)}
-            for id, *identity, _ in self._session.all(queries.timelines_by_key, parameters):
-                found[tuple(identity)] = id
-        return found
-
-    def _renumbered(self, statements: TableQueries, record: Record) -> Record:
-        """A row with this store's numbers, and with what is derived from its columns."""
-        record = record | {"kb": self.kb}
-        for name in ("timeline_id", "object_id"):
-            if name in record:
-                record[name] = self._new[bisect_left(self._old, record[name])]
-        for name in statements.derived:
-            record[name] = _derived[name](record)
-        return record
+    def _row(self, columns: Sequence[str], record: Record) -> list[Any]:
+        record["kb_id"] = self.kb
+        return [record[name] if name in record else _derived[name](record) for name in columns]
 
 
-def _pending_node(record: Record) -> int | None:
-    recorded, cancelled = record["recorded_time"], record["cancelled_time"]
-    until = record["initial_time"] if cancelled is None else cancelled
-    return None if recorded is None else node(recorded, until)
+def _level(record: Record) -> int:
+    found = level(record["initial_time"], record["end_time"])
+    return found if record["retired_tx"] is None or found == EMPTY_LEVEL else superseded(found)
 
 
-_derived: Final[dict[str, Callable[[Record], int | None]]] = {
-    "level": lambda record: level(record["initial_time"], record["end_time"]),
-    "node": lambda record: node(record["initial_time"], record["end_time"]),
-    "pending_node": _pending_node,
-}
+def _node(record: Record) -> int | None:
+    if "until_time" in record:
+        return node(record["recorded_time"], record["until_time"])
+    return node(record["initial_time"], record["end_time"])
+
+
+_derived: Final[dict[str, Callable[[Record], int | None]]] = {"level": _level, "node": _node}
 
 
 def copy(source: RowSource, target: RowTarget, step: Callable[[int], None]) -> None:
@@ -198,11 +170,6 @@ class Steps:
         self._done += more
         if self._progress is not None:
             self._progress(self._done, self._total)
-
-
-def names_in(session: StoreConnection) -> list[str]:
-    """The names of the knowledge bases in a store."""
-    return [row[0] for row in session.all(queries.knowledge_base_names, {})]
 
 
 @contextmanager

@@ -19,10 +19,10 @@ from kbstore.planning.effects import Effects
 from kbstore.planning.grounding import GroundAction, ground
 from kbstore.planning.simulator import RunningAction
 from kbstore.reading.state import State
+from kbstore.storage.records import RowChanges, RunRow
 from kbstore.writing.change_set import ChangeSet
 from kbstore.writing.formulas import canonical_term
 from kbstore.writing.handlers import Handlers
-from kbstore.writing.recorder import Recorder
 
 
 class ActionExecutor:
@@ -195,14 +195,14 @@ class ActionExecutor:
             elif timeline_state.value is not None:
                 change_set.take(timeline_state, now, EndCause.REMOVED)
 
-    def write(self, recorder: Recorder) -> None:
-        """Write the runs that begin and end."""
+    def write(self, changes: RowChanges) -> None:
+        """Add the runs that begin and end to what a transaction writes."""
         for run, rates, remembered in self._started:
-            recorder.start_run(run.number, run.operator, run.arguments, run.duration, sorted(remembered))
-            for timeline, rate in rates:
-                recorder.run_rate(run.number, timeline, rate)
-        for entry, outcome in self._ended:
-            recorder.end_run(entry.run.number, entry.run.started, outcome)
+            changes.runs.append(
+                RunRow(run.number, run.operator, run.arguments, run.started, run.duration, rates, remembered)
+            )
+        changes.ended_runs += [(entry.run.number, entry.run.started, outcome) for entry, outcome in self._ended]
+        changes.last_run = self.last_run
 
 
 def applicability(

@@ -10,38 +10,20 @@ assertion on its timeline and the end of the existence of any object that it men
 
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field
 from itertools import chain
-from typing import Any
 
 from kbstore.clock import OPEN
 from kbstore.messages import Condition, Fact, Function, Instance, KnowledgeItem, KnowledgeType
 from kbstore.model.timelines import EndCause, Identity, Role, Timeline, Value, number_at
 from kbstore.names import key
-from kbstore.storage.repository import Repository, StoredAssertion
+from kbstore.storage.records import RowChanges, StateRow, StoredAssertion
+from kbstore.storage.repository import Repository
 from kbstore.writing.lifespans import Lifespan, lifespans_of, lost_time
 from kbstore.writing.timeline_state import TimelineState
 
-StateRow = tuple[Timeline, int, Value]
 Mentions = Callable[[Timeline, Value], Sequence[str]]
 
 _GROUPS = tuple((role, kind) for role in Role for kind in KnowledgeType)
-
-
-@dataclass
-class RowChanges:
-    """What a transaction writes: parameters for the statements of `kbstore.storage.queries`."""
-
-    timelines: list[TimelineState] = field(default_factory=list)
-    mentions: list[tuple[TimelineState, TimelineState]] = field(default_factory=list)
-    ends: dict[KnowledgeType, list[dict[str, Any]]] = field(default_factory=lambda: defaultdict(list))
-    cancels: dict[KnowledgeType, list[dict[str, Any]]] = field(default_factory=lambda: defaultdict(list))
-    settles: dict[KnowledgeType, list[dict[str, Any]]] = field(default_factory=lambda: defaultdict(list))
-    rates: list[dict[str, Any]] = field(default_factory=list)
-    adds: dict[KnowledgeType, list[tuple[TimelineState, int, int, Value]]] = field(
-        default_factory=lambda: defaultdict(list)
-    )
-    changes: int = 0
 
 
 class ChangeSet:
@@ -250,8 +232,8 @@ class ChangeSet:
 
     # -- what is written --------------------------------------------------------------------------------------
 
-    def finish(self, number: int) -> RowChanges:
-        """Compare with what is stored: the rows that transaction `number` has to write."""
+    def finish(self) -> RowChanges:
+        """Compare with what is stored: what the transaction has to write."""
         writes = RowChanges()
         objects = self._groups[Role.STATE, KnowledgeType.INSTANCE]
         if self.objects_changed:
@@ -261,27 +243,28 @@ class ChangeSet:
         # objects on which nothing is scheduled end nothing ahead
         ends = {track.timeline.key: self._ends(self.lifespans(track)) for track in self._all_scheduled_objects()}
         for track in list(self.states()):
-            self._finish_track(track, number, ends, writes)
+            self._finish_track(track, ends, writes)
         self._note_new(writes)
         return writes
 
     def _note_new(self, writes: RowChanges) -> None:
         """The timelines that are new, and which objects they mention."""
-        new: dict[TimelineState, None] = {}
+        new: dict[Timeline, None] = {}
         objects = self._groups[Role.STATE, KnowledgeType.INSTANCE]
         for kind, added in writes.adds.items():
-            for track, _, _, value in added:
-                if not track.timeline.id:
-                    new[track] = None
+            for timeline, _, _, value in added:
+                if not timeline.id:
+                    new[timeline] = None
                 elif kind is not KnowledgeType.EXPRESSION:
                     continue
-                for name in self._mentions(track.timeline, value):
-                    about = objects.get(name)
-                    if about is None:
-                        about = self.state(Identity(Role.STATE, KnowledgeType.INSTANCE, name), name)
-                    if not about.timeline.id:
+                for name in self._mentions(timeline, value):
+                    known = objects.get(name)
+                    if known is None:
+                        known = self.state(Identity(Role.STATE, KnowledgeType.INSTANCE, name), name)
+                    about = known.timeline
+                    if not about.id:
                         new[about] = None
-                    writes.mentions.append((track, about))
+                    writes.mentions.append((about, timeline))
         writes.timelines = list(new)
 
     def _all_scheduled_objects(self) -> list[TimelineState]:
@@ -293,7 +276,7 @@ class ChangeSet:
     def _ends(existences: Sequence[Lifespan]) -> list[int]:
         return [lifespan.end for lifespan in existences if lifespan.end != OPEN]
 
-    def _finish_track(self, track: TimelineState, number: int, ends: dict[str, list[int]], writes: RowChanges) -> None:
+    def _finish_track(self, track: TimelineState, ends: dict[str, list[int]], writes: RowChanges) -> None:
         kind = track.timeline.kind
         base = track.base(self.now)
         if base is None and track.value is None and not track.ahead and not track.stored_ahead:
@@ -310,7 +293,7 @@ class ChangeSet:
             if base is not None:
                 changed = True
                 cause = track.cause if track.value is None else EndCause.REPLACED
-                writes.ends[kind].append(_end(base, self.now, number, cause))
+                writes.ends[kind].append((base, cause))
             if track.value is not None:
                 line.append((self.now, track.value, None))
         for t in sorted(track.ahead):
@@ -319,13 +302,13 @@ class ChangeSet:
             if stored is not None and _same_but_rate(kind, stored.value, value):
                 line.append((t, value, stored))
                 if stored.value != value:
-                    writes.rates.append({"id": stored.id, "rate": value[3]})
+                    writes.rates.append((stored, value[3]))
             else:
                 line.append((t, value, None))
         for t, stored in track.stored_ahead.items():
             if t not in track.ahead or not _same_but_rate(kind, stored.value, track.ahead[t]):
                 changed = True
-                writes.cancels[kind].append(_cancel(stored, self.now, number))
+                writes.cancels[kind].append(stored)
         for index, (start, value, stored) in enumerate(line):
             end = line[index + 1][0] if index + 1 < len(line) else OPEN
             if ends:
@@ -333,9 +316,9 @@ class ChangeSet:
                     end = min(end, min((t for t in ends.get(name, ()) if t > start), default=OPEN))
             if stored is None:
                 changed = True
-                writes.adds[kind].append((track, start, end, value))
+                writes.adds[kind].append((track.timeline, start, end, value))
             elif stored.end_time != end:
-                writes.settles[kind].append(_settle(stored, end))
+                writes.settles[kind].append((stored, end))
         writes.changes += changed
 
     def _add_contributions(self, track: TimelineState) -> None:
@@ -358,15 +341,3 @@ class ChangeSet:
 def _same_but_rate(kind: KnowledgeType, stored: Value, value: Value) -> bool:
     """Whether a scheduled value is the stored one; a function's rate besides its own is derived."""
     return stored[:3] == value[:3] if kind is KnowledgeType.FUNCTION else stored == value
-
-
-def _end(row: StoredAssertion, now: int, number: int, cause: EndCause) -> dict[str, Any]:
-    return {"id": row.id, "start": row.initial_time, "end_time": now, "number": number, "cause": int(cause)}
-
-
-def _cancel(row: StoredAssertion, now: int, number: int) -> dict[str, Any]:
-    return {"id": row.id, "recorded_time": row.recorded_time, "time": now, "number": number}
-
-
-def _settle(row: StoredAssertion, end: int) -> dict[str, Any]:
-    return {"id": row.id, "start": row.initial_time, "end_time": end}

@@ -28,7 +28,8 @@ from kbstore.model.timelines import METRIC_KEY, EndCause, Identity, Role, Value,
 from kbstore.names import is_wildcard, key, matches
 from kbstore.pddl.parse import condition_of, parse_condition, uncertain_atoms
 from kbstore.pddl.printer import condition_text, expression_text
-from kbstore.storage.repository import LogPosition, Repository
+from kbstore.storage.records import LogPosition
+from kbstore.storage.repository import Repository
 from kbstore.writing.change_set import ChangeSet
 from kbstore.writing.formulas import (
     canonical_condition,

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from kbstore.messages import KnowledgeType
 from kbstore.model.timelines import EndCause, Timeline, Value, number_at
-from kbstore.storage.repository import StoredAssertion
+from kbstore.storage.records import StoredAssertion
 
 
 class TimelineState:

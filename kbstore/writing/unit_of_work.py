@@ -23,13 +23,12 @@ from kbstore.reading.questions import Knowledge, Question
 from kbstore.reading.reader import Reader
 from kbstore.reading.state import State
 from kbstore.reading.state_data import StateData
-from kbstore.storage.connection import StoreConnection
-from kbstore.storage.repository import LogPosition, Repository
+from kbstore.storage.records import DomainRow, LogPosition, SymbolRow
+from kbstore.storage.repository import Repository
 from kbstore.writing.action_executor import ActionExecutor, applicability
 from kbstore.writing.change_set import ChangeSet
 from kbstore.writing.compatibility import violations
 from kbstore.writing.handlers import Handlers
-from kbstore.writing.recorder import Recorder
 from kbstore.writing.resolution import Violations
 from kbstore.writing.updates import Batch, Item, Step, closed_world_violations, goals_in, items_in, problem_batch
 
@@ -73,23 +72,21 @@ class OpenTransaction:
     def __enter__(self) -> Self:
         with ExitStack() as contexts:
             contexts.enter_context(self._guard())
-            self._begin(contexts.enter_context(self._reader.database.begin()))
+            self._begin(contexts.enter_context(self._reader.repository(writing=True)))
             self._contexts = contexts.pop_all()
         self._is_open = True
         return self
 
-    def _begin(self, session: StoreConnection) -> None:
+    def _begin(self, repository: Repository) -> None:
         reader = self._reader
-        self._session = session
-        self._repository = Repository(session, reader.kb, reader.cache)
-        self._head = self._repository.head(for_update=True)
+        self._repository = repository
+        self._head = repository.head(for_update=True)
         if self._expect is not None and self._head.number > self._expect:
             raise Conflict(
                 f"transaction {self._head.number} has been committed, but nothing after {self._expect} was expected; "
                 "read the state again, and decide anew"
             )
         self.now = reader.resolver.now_for_writing(self._head, self._tolerance)
-        self._number = self._head.number + 1
         stored = reader.symbol_table(self._repository, self._head, LogPosition(self.now))
         self._symbols = SymbolTable(stored.domain, dict(stored.shapes))
         self._stored_shapes = dict(stored.shapes)
@@ -137,26 +134,21 @@ class OpenTransaction:
         self._change_set.contributions = self._executor.contributions()
         if self._reader.use_unknowns:
             self._handlers.end_uncertain()
-        writes = self._change_set.finish(self._number)
+        writes = self._change_set.finish()
+        self._executor.write(writes)
         domain = self._symbols.domain
-        has_domain = domain is not None and domain is not self._domain
-        changes = writes.changes + has_domain + self._executor.changes
-        if not changes:
+        if domain is not None and domain is not self._domain:
+            writes.domain = DomainRow(domain.name, domain.source, json.dumps(sorted(domain.sensed)))
+        writes.changes += (writes.domain is not None) + self._executor.changes
+        if not writes.changes:
             return Transaction(self._head.number, self.now, self._client, self._note, 0), ()
-        recorder = Recorder(self._session, self._reader.kb, self._number, self.now)
-        head = self._head._replace(last_run=self._executor.last_run)
-        if domain is not None and has_domain:
-            head = head._replace(domain_version=head.domain_version + 1)
-            sensed = json.dumps(sorted(domain.sensed))
-            recorder.domain(head.domain_version, domain.name, domain.source, sensed)
-        for (kind, name_key), shape in self._symbols.shapes.items():
-            if self._stored_shapes.get((kind, name_key)) != shape:
-                recorder.symbol(int(kind), name_key, shape.name, shape.labels or (), shape.arity)
-        with self._session.together():
-            recorder.transaction(head, changes, self._client, self._note)
-            new_timelines = recorder.write(writes)
-            self._executor.write(recorder)
-        return Transaction(self._number, self.now, self._client, self._note, changes), new_timelines
+        writes.symbols = [
+            SymbolRow(int(kind), name_key, shape.name, shape.arity, " ".join(shape.labels or ()))
+            for (kind, name_key), shape in self._symbols.shapes.items()
+            if self._stored_shapes.get((kind, name_key)) != shape
+        ]
+        head = self._repository.save(writes, self._head, self.now, client=self._client, note=self._note)
+        return Transaction(head.number, self.now, self._client, self._note, writes.changes), writes.timelines
 
     def _apply(self, steps: Iterable[Step]) -> None:
         """Take steps one after another, or none of them; report all violations together (rule D1)."""

@@ -13,7 +13,6 @@ depends_on = None
 
 OPEN = 9223372036854775807
 
-ID = sa.BigInteger().with_variant(sa.Integer, "sqlite")
 KEY = sa.Text().with_variant(sa.Text(collation="C"), "postgresql")
 
 
@@ -41,6 +40,7 @@ def upgrade() -> None:
         sa.Column("rhs", sa.Text, nullable=False),
         sa.Column("grounded", sa.Boolean, nullable=False),
     )
+    create_side_tables()
     create_runs()
 
 
@@ -49,6 +49,8 @@ def downgrade() -> None:
     for table in (
         "run_rates",
         "runs",
+        "revisions",
+        "schedules",
         "inequalities",
         "expressions",
         "functions",
@@ -59,32 +61,47 @@ def downgrade() -> None:
         "symbols",
         "domains",
         "transactions",
+        "heads",
         "knowledge_bases",
     ):
         op.drop_table(table)
 
 
 def create_knowledge_bases() -> None:
-    """Knowledge bases, and what has one row for each change of a whole one."""
+    """The directory and the heads, and what has one row for each change of a whole knowledge base."""
     op.create_table(
         "knowledge_bases",
-        sa.Column("id", sa.Integer, nullable=False),
+        sa.Column("id", sa.Integer, nullable=False, autoincrement=False),
         sa.Column("name", sa.Text, nullable=False),
         sa.Column("use_unknowns", sa.Boolean, nullable=False),
-        sa.Column("last_number", sa.BigInteger, nullable=False),
-        sa.Column("last_time", sa.BigInteger, nullable=False),
-        sa.Column("history_from", sa.BigInteger, nullable=False),
-        sa.Column("domain_version", sa.Integer, nullable=False),
-        sa.Column("last_run", sa.BigInteger, nullable=False),
         sa.PrimaryKeyConstraint("id", name="pk_knowledge_bases"),
         sa.UniqueConstraint("name", name="uq_knowledge_bases_name"),
     )
     op.create_table(
+        "heads",
+        sa.Column("kb_id", sa.Integer, nullable=False),
+        sa.Column("domain_version", sa.Integer, nullable=False),
+        sa.Column("present", sa.Integer, nullable=False),
+        sa.Column("last_number", sa.BigInteger, nullable=False),
+        sa.Column("last_time", sa.BigInteger, nullable=False),
+        sa.Column("last_token", sa.BigInteger, nullable=False),
+        sa.Column("last_late", sa.BigInteger, nullable=False),
+        sa.Column("last_timeline", sa.BigInteger, nullable=False),
+        sa.Column("last_run", sa.BigInteger, nullable=False),
+        sa.Column("history_from", sa.BigInteger, nullable=False),
+        sa.Column("source", sa.Text),
+        sa.PrimaryKeyConstraint("kb_id", name="pk_heads"),
+        knowledge_base_of("heads"),
+    )
+    op.create_table(
         "transactions",
         sa.Column("kb_id", sa.Integer, nullable=False),
+        sa.Column("changes", sa.Integer, nullable=False),
         sa.Column("number", sa.BigInteger, nullable=False),
         sa.Column("recorded_time", sa.BigInteger, nullable=False),
-        sa.Column("changes", sa.Integer, nullable=False),
+        sa.Column("token", sa.BigInteger, nullable=False),
+        sa.Column("last_timeline", sa.BigInteger, nullable=False),
+        sa.Column("late_from", sa.BigInteger),
         sa.Column("client", sa.Text),
         sa.Column("note", sa.Text),
         sa.PrimaryKeyConstraint("kb_id", "number", name="pk_transactions"),
@@ -122,18 +139,17 @@ def create_timelines() -> None:
     """Timelines, and which objects they mention."""
     op.create_table(
         "timelines",
-        sa.Column("id", ID, nullable=False),
         sa.Column("kb_id", sa.Integer, nullable=False),
         sa.Column("role", sa.SmallInteger, nullable=False),
         sa.Column("knowledge_type", sa.SmallInteger, nullable=False),
+        sa.Column("id", sa.BigInteger, nullable=False),
         sa.Column("key", KEY, nullable=False),
         sa.Column("spelling", sa.Text),
-        sa.PrimaryKeyConstraint("id", name="pk_timelines"),
-        sa.UniqueConstraint(
-            "kb_id", "role", "knowledge_type", "key", name="uq_timelines_kb_id_role_knowledge_type_key"
-        ),
+        sa.PrimaryKeyConstraint("kb_id", "id", name="pk_timelines"),
         knowledge_base_of("timelines"),
+        sqlite_with_rowid=False,
     )
+    create_index("ux_timelines_key", "timelines", ["kb_id", "role", "knowledge_type", "key"], unique=True)
     op.create_table(
         "mentions",
         sa.Column("kb_id", sa.Integer, nullable=False),
@@ -148,40 +164,62 @@ def create_assertions(table: str, *own: sa.Column[object]) -> None:
     """One of the five tables of assertions, with its own columns and the indexes that all of them have."""
     op.create_table(
         table,
-        sa.Column("id", ID, nullable=False),
         sa.Column("kb_id", sa.Integer, nullable=False),
+        sa.Column("seq", sa.Integer, nullable=False),
+        sa.Column("recorded_tx", sa.BigInteger, nullable=False),
         sa.Column("timeline_id", sa.BigInteger, nullable=False),
         sa.Column("initial_time", sa.BigInteger, nullable=False),
         sa.Column("end_time", sa.BigInteger, nullable=False),
-        sa.Column("is_negative", sa.Boolean, nullable=False),
-        sa.Column("recorded_tx", sa.BigInteger, nullable=False),
-        sa.Column("recorded_time", sa.BigInteger),
         sa.Column("ended_tx", sa.BigInteger),
+        sa.Column("retired_tx", sa.BigInteger),
+        sa.Column("told_tx", sa.BigInteger),
+        sa.Column("level", sa.SmallInteger, nullable=False),
         sa.Column("end_cause", sa.SmallInteger),
-        sa.Column("cancelled_tx", sa.BigInteger),
-        sa.Column("cancelled_time", sa.BigInteger),
-        sa.Column("level", sa.SmallInteger),
-        sa.Column("pending_node", sa.BigInteger),
+        sa.Column("is_negative", sa.Boolean, nullable=False),
         *own,
-        sa.PrimaryKeyConstraint("id", name=f"pk_{table}"),
-        sa.ForeignKeyConstraint(["timeline_id"], ["timelines.id"], name=f"fk_{table}_timelines"),
-        knowledge_base_of(table),
+        sa.PrimaryKeyConstraint("kb_id", "recorded_tx", "seq", name=f"pk_{table}"),
+        sa.ForeignKeyConstraint(
+            ["kb_id", "timeline_id"], ["timelines.kb_id", "timelines.id"], name=f"fk_{table}_timelines"
+        ),
     )
-    standing = "end_time > initial_time"
-    create_index(f"ux_{table}_timeline", table, ["kb_id", "timeline_id", "initial_time"], standing, unique=True)
-    for suffix, columns, where in (
-        ("begin", ["level", "initial_time"], "level IS NOT NULL"),
-        ("end", ["level", "end_time"], "level IS NOT NULL"),
-        ("open", ["initial_time"], f"end_time = {OPEN}"),
-        ("recorded", ["recorded_tx"], None),
-        ("ended", ["ended_tx"], "end_cause <> 2"),
-        ("cancelled", ["cancelled_tx"], "cancelled_tx IS NOT NULL"),
-        ("pending", ["pending_node"], "pending_node IS NOT NULL"),
-        ("scheduled", ["initial_time"], "recorded_time IS NOT NULL"),
-        ("empty", ["timeline_id"], "end_time <= initial_time"),
-    ):
-        chosen = f"{where} AND {columns[-1]} >= 0" if suffix in ("begin", "end") else where
-        create_index(f"ix_{table}_{suffix}", table, ["kb_id", *columns], where, chosen)
+    by_timeline = ["kb_id", "timeline_id", "initial_time"]
+    create_index(f"ux_{table}_timeline", table, by_timeline, "retired_tx IS NULL", unique=True)
+    create_index(f"ix_{table}_begin", table, ["kb_id", "level", "initial_time"])
+    create_index(f"ix_{table}_end", table, ["kb_id", "level", "end_time"], f"end_time < {OPEN}")
+    create_index(f"ix_{table}_retired", table, by_timeline, "retired_tx IS NOT NULL")
+
+
+def create_side_tables() -> None:
+    """What was scheduled, and how stored rows were changed."""
+    op.create_table(
+        "schedules",
+        sa.Column("kb_id", sa.Integer, nullable=False),
+        sa.Column("seq", sa.Integer, nullable=False),
+        sa.Column("recorded_tx", sa.BigInteger, nullable=False),
+        sa.Column("timeline_id", sa.BigInteger, nullable=False),
+        sa.Column("recorded_time", sa.BigInteger, nullable=False),
+        sa.Column("initial_time", sa.BigInteger, nullable=False),
+        sa.Column("until_time", sa.BigInteger, nullable=False),
+        sa.Column("node", sa.BigInteger),
+        sa.Column("knowledge_type", sa.SmallInteger, nullable=False),
+        sa.Column("is_derived", sa.Boolean, nullable=False),
+        sa.PrimaryKeyConstraint("kb_id", "recorded_tx", "seq", name="pk_schedules"),
+        sqlite_with_rowid=False,
+    )
+    create_index("ix_schedules_node", "schedules", ["kb_id", "node"])
+    create_index("ix_schedules_initial_time", "schedules", ["kb_id", "initial_time"])
+    op.create_table(
+        "revisions",
+        sa.Column("kb_id", sa.Integer, nullable=False),
+        sa.Column("seq", sa.Integer, nullable=False),
+        sa.Column("tx", sa.BigInteger, nullable=False),
+        sa.Column("recorded_tx", sa.BigInteger, nullable=False),
+        sa.Column("end_before", sa.BigInteger, nullable=False),
+        sa.Column("knowledge_type", sa.SmallInteger, nullable=False),
+        sa.Column("what", sa.SmallInteger, nullable=False),
+        sa.PrimaryKeyConstraint("kb_id", "tx", "recorded_tx", "seq", name="pk_revisions"),
+        sqlite_with_rowid=False,
+    )
 
 
 def create_runs() -> None:
@@ -190,16 +228,18 @@ def create_runs() -> None:
         "runs",
         sa.Column("kb_id", sa.Integer, nullable=False),
         sa.Column("number", sa.BigInteger, nullable=False),
-        sa.Column("operator", sa.Text, nullable=False),
-        sa.Column("arguments", sa.Text, nullable=False),
+        sa.Column("recorded_tx", sa.BigInteger, nullable=False),
         sa.Column("initial_time", sa.BigInteger, nullable=False),
         sa.Column("duration", sa.BigInteger, nullable=False),
-        sa.Column("remembered", sa.Text),
         sa.Column("end_time", sa.BigInteger, nullable=False),
-        sa.Column("outcome", sa.String(7)),
-        sa.Column("recorded_tx", sa.BigInteger, nullable=False),
+        sa.Column("duration_s", sa.Double, nullable=False),
         sa.Column("ended_tx", sa.BigInteger),
         sa.Column("node", sa.BigInteger),
+        sa.Column("operator", sa.Text, nullable=False),
+        sa.Column("arguments", sa.Text, nullable=False),
+        sa.Column("outcome", sa.String(7)),
+        sa.Column("remembered", sa.Text),
+        sa.Column("forced", sa.Text),
         sa.PrimaryKeyConstraint("kb_id", "number", name="pk_runs"),
         knowledge_base_of("runs"),
         sqlite_with_rowid=False,
@@ -217,18 +257,10 @@ def create_runs() -> None:
     )
 
 
-def create_index(
-    name: str,
-    table: str,
-    columns: list[str],
-    where: str | None = None,
-    chosen: str | None = None,
-    *,
-    unique: bool = False,
-) -> None:
-    """An index, partial where a condition is given; on PostgreSQL by another one where `chosen` is."""
-    clauses = [None if clause is None else sa.text(clause) for clause in (where, chosen or where)]
-    op.create_index(name, table, columns, unique=unique, sqlite_where=clauses[0], postgresql_where=clauses[1])
+def create_index(name: str, table: str, columns: list[str], where: str | None = None, *, unique: bool = False) -> None:
+    """An index, partial where a condition is given."""
+    clause = None if where is None else sa.text(where)
+    op.create_index(name, table, columns, unique=unique, sqlite_where=clause, postgresql_where=clause)
 
 
 def knowledge_base_of(table: str) -> sa.ForeignKeyConstraint:

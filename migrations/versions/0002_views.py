@@ -1,8 +1,9 @@
 """The views for people who read SQL.
 
 Times are ISO 8601 text in UTC with nine decimals, so that text sorts by time; the nanoseconds stand beside them.
-What is open has no end. What stands "currently" stands at the latest recorded time of its knowledge base: there is
-no clock in the database, and a simulated one may be decades away from it.
+What is open has no end. What holds "currently" holds at the latest recorded time of its knowledge base: there is no
+clock in the database, and a simulated one may be decades away from it. A condition on `timeline_key` ("robot_at kenny
+wp0") is answered by an index, however long the history.
 """
 
 from alembic import op
@@ -14,12 +15,17 @@ depends_on = None
 
 OPEN = 9223372036854775807
 STATE, GOAL = 0, 1
+OPEN_LEVEL, EMPTY = 62, -64
+"""The levels of what is open, and of what is cancelled or has no length."""
+
+TYPES = {"instances": 0, "facts": 1, "functions": 2, "expressions": 3, "inequalities": 4}
+"""The knowledge types of the tables of assertions."""
 
 TEXT = "coalesce(t.spelling, t.key)"
 """What a timeline is about, as it was first written: "robot_at kenny wp0"."""
 
 ATOM = f"'(' || {TEXT} || ')'"
-VALUE_AT_LAST = "f.function_value + f.rate * ((k.last_time - f.initial_time) / 1000000000.0)"
+VALUE_AT_LAST = "f.function_value + f.rate * ((h.last_time - f.initial_time) / 1000000000.0)"
 COMPARISON = "CASE f.comparison_type WHEN 0 THEN '>' WHEN 1 THEN '>=' WHEN 2 THEN '<' WHEN 3 THEN '<=' ELSE '=' END"
 
 Columns = dict[str, str]
@@ -80,16 +86,26 @@ def create(name: str, select: str) -> None:
 
 
 def history(table: str, own: Columns, role: int = STATE) -> str:
-    """All assertions of a table, cancelled ones included, with the transactions that recorded and ended them.
+    """All assertions of a table, cancelled and superseded ones included, with the transactions that made them so.
 
     An end that nobody had to write is the beginning of the next assertion, or the end of an object.
     """
+    # of those that begin when it ends, the first to be recorded; all but one of them are of no length
+    beginning_then = (
+        f"SELECT q.recorded_tx FROM {table} q"
+        " WHERE q.kb_id = f.kb_id AND q.timeline_id = f.timeline_id AND q.initial_time = f.end_time"
+    )
+    next_tx = (
+        f"(SELECT min(q.recorded_tx) FROM ({beginning_then} AND q.retired_tx IS NULL"
+        f" UNION ALL {beginning_then} AND q.retired_tx IS NOT NULL AND q.level = {EMPTY} AND q.ended_tx IS NOT NULL) q)"
+    )
+    is_cancelled = f"f.level = {EMPTY} AND f.ended_tx IS NULL"
     # the transaction that ended it, or that recorded what ended it by the clock: the next one, or an object's end
     ender = (
-        "CASE WHEN f.cancelled_tx IS NULL THEN coalesce(f.ended_tx, n.recorded_tx, (SELECT min(o.recorded_tx)"
+        f"CASE WHEN {is_cancelled} THEN NULL ELSE coalesce(f.ended_tx, {next_tx}, (SELECT min(o.recorded_tx)"
         " FROM mentions m JOIN instances o ON o.kb_id = m.kb_id AND o.timeline_id = m.object_id"
         " WHERE m.kb_id = f.kb_id AND m.timeline_id = f.timeline_id AND o.initial_time = f.end_time"
-        " AND o.end_time > o.initial_time AND o.is_negative)) END"
+        " AND o.retired_tx IS NULL AND o.is_negative)) END"
     )
     columns: Columns = {
         "knowledge_base": "k.name",
@@ -97,73 +113,75 @@ def history(table: str, own: Columns, role: int = STATE) -> str:
         "initial_time": iso("f.initial_time"),
         "end_time": f"CASE WHEN f.end_time < {OPEN} THEN {iso('f.end_time')} END",
         "ended_by": (
-            "CASE WHEN f.cancelled_tx IS NOT NULL THEN 'cancelled'"
+            f"CASE WHEN {is_cancelled} THEN 'cancelled'"
             " WHEN f.end_cause = 1 THEN 'removed' WHEN f.end_cause = 2 THEN 'replaced'"
             " WHEN f.end_cause = 3 THEN 'object' WHEN f.end_cause = 4 THEN 'cleared' WHEN f.end_cause = 5 THEN 'run'"
-            f" WHEN f.end_time = {OPEN} THEN NULL WHEN n.id IS NOT NULL THEN 'replaced' ELSE 'object' END"
+            f" WHEN f.end_time = {OPEN} THEN NULL WHEN {next_tx} IS NOT NULL THEN 'replaced' ELSE 'object' END"
         ),
-        "recorded_tx": "f.recorded_tx",
+        "recorded_tx": "coalesce(f.told_tx, f.recorded_tx)",
         "recorded_time": iso("r.recorded_time"),
         "recorded_client": "r.client",
         "ended_tx": ender,
         "ended_client": "e.client",
-        "cancelled_tx": "f.cancelled_tx",
-        "cancelled_time": iso("f.cancelled_time"),
-        "cancelled_client": "c.client",
+        "cancelled_tx": f"CASE WHEN {is_cancelled} THEN f.retired_tx END",
+        "cancelled_time": f"CASE WHEN {is_cancelled} THEN {iso('c.recorded_time')} END",
+        "cancelled_client": f"CASE WHEN {is_cancelled} THEN c.client END",
+        "superseded_tx": f"CASE WHEN f.level <> {EMPTY} THEN f.retired_tx END",
+        "known_from": iso("b.recorded_time"),
+        "known_until": f"CASE WHEN f.level <> {EMPTY} THEN {iso('c.recorded_time')} END",
         "initial_ns": "f.initial_time",
         "end_ns": f"CASE WHEN f.end_time < {OPEN} THEN f.end_time END",
+        "timeline_key": "t.key",
+        "timeline_id": "f.timeline_id",
     }
-    # of several that begin when it ends, the first to be recorded; all but the last of them are of no length
-    next_one = (
-        f"SELECT min(q.id) FROM {table} q"
-        " WHERE q.kb_id = f.kb_id AND q.timeline_id = f.timeline_id AND q.initial_time = f.end_time"
-    )
-    return (
-        f"SELECT {listed(columns)} FROM {table} f"
-        f" JOIN timelines t ON t.id = f.timeline_id AND t.role = {role}"
-        " JOIN knowledge_bases k ON k.id = f.kb_id"
-        f" LEFT JOIN {table} n ON f.ended_tx IS NULL AND f.cancelled_tx IS NULL"
-        f" AND n.id = coalesce(({next_one} AND q.end_time <= q.initial_time AND q.cancelled_tx IS NULL),"
-        f" ({next_one} AND q.end_time > q.initial_time))"
-        " LEFT JOIN transactions r ON r.kb_id = f.kb_id AND r.number = f.recorded_tx"
-        f" LEFT JOIN transactions e ON e.kb_id = f.kb_id AND e.number = {ender}"
-        " LEFT JOIN transactions c ON c.kb_id = f.kb_id AND c.number = f.cancelled_tx"
+    kind = TYPES[table]
+    # in two parts, as each has an index of its own
+    return " UNION ALL ".join(
+        f"SELECT {listed(columns)} FROM knowledge_bases k"
+        f" JOIN timelines t ON t.kb_id = k.id AND t.role = {role} AND t.knowledge_type = {kind}"
+        f" JOIN {table} f ON f.kb_id = k.id AND f.timeline_id = t.id AND f.retired_tx IS {retired}"
+        " LEFT JOIN transactions r ON r.kb_id = k.id AND r.number = coalesce(f.told_tx, f.recorded_tx)"
+        " LEFT JOIN transactions b ON b.kb_id = k.id AND b.number = f.recorded_tx"
+        f" LEFT JOIN transactions e ON e.kb_id = k.id AND e.number = {ender}"
+        " LEFT JOIN transactions c ON c.kb_id = k.id AND c.number = f.retired_tx"
+        for retired in ("NULL", "NOT NULL")
     )
 
 
 def current(table: str, own: Columns, role: int = STATE, also: str = "") -> str:
-    """What stands at the latest recorded time; found by the interval tree, however long the history."""
+    """What holds at the latest recorded time; found by the interval tree, however long the history."""
     columns: Columns = {
         "knowledge_base": "k.name",
         **own,
         "initial_time": iso("f.initial_time"),
         "end_time": f"CASE WHEN f.end_time < {OPEN} THEN {iso('f.end_time')} END",
-        "recorded_tx": "f.recorded_tx",
+        "recorded_tx": "coalesce(f.told_tx, f.recorded_tx)",
         "recorded_client": "r.client",
         "initial_ns": "f.initial_time",
         "end_ns": f"CASE WHEN f.end_time < {OPEN} THEN f.end_time END",
-        "as_of_ns": "k.last_time",
+        "as_of_ns": "h.last_time",
+        "timeline_key": "t.key",
+        "timeline_id": "f.timeline_id",
     }
     levels = (
         "(WITH RECURSIVE level(h) AS (SELECT 0 UNION ALL SELECT h + 1 FROM level WHERE h < 61) SELECT h FROM level)"
     )
     # the block of times on a level in which the latest one is, counted as the tree does
-    block = "(((k.last_time + 1) >> l.h) << l.h)"
+    block = "(((h.last_time + 1) >> l.h) << l.h)"
     past = f"({block} + (CAST(1 AS bigint) << l.h))"
-    # where this is asked for, PostgreSQL takes the index that has it as its condition
-    by_index = "" if op.get_context().dialect.name == "sqlite" else " AND f.{} >= 0"
     within = (
-        f"f.level = l.h AND f.initial_time >= {block} - 1 AND f.initial_time <= k.last_time AND f.end_time >= {past}"
-        + by_index.format("initial_time"),
-        f"f.level = l.h AND f.end_time > k.last_time AND f.end_time < {past}" + by_index.format("end_time"),
-        f"f.end_time = {OPEN} AND f.initial_time <= k.last_time",
+        f"f.level = l.h AND f.initial_time >= {block} - 1 AND f.initial_time <= h.last_time AND f.end_time >= {past}",
+        # the last condition is the index's own
+        f"f.level = l.h AND f.end_time > h.last_time AND f.end_time < {past} AND f.end_time < {OPEN}",
+        f"f.level = {OPEN_LEVEL} AND f.initial_time <= h.last_time",
     )
     return " UNION ALL ".join(
-        f"SELECT {listed(columns)} FROM knowledge_bases k{f' CROSS JOIN {levels} l' if 'l.h' in stands else ''}"
-        f" CROSS JOIN {table} f JOIN timelines t ON t.id = f.timeline_id AND t.role = {role}"
-        " LEFT JOIN transactions r ON r.kb_id = f.kb_id AND r.number = f.recorded_tx"
-        f" WHERE f.kb_id = k.id AND {stands} {also}".rstrip()
-        for stands in within
+        f"SELECT {listed(columns)} FROM knowledge_bases k CROSS JOIN heads h"
+        f"{f' CROSS JOIN {levels} l' if 'l.h' in holds else ''} CROSS JOIN {table} f"
+        f" JOIN timelines t ON t.kb_id = f.kb_id AND t.id = f.timeline_id AND t.role = {role}"
+        " LEFT JOIN transactions r ON r.kb_id = f.kb_id AND r.number = coalesce(f.told_tx, f.recorded_tx)"
+        f" WHERE h.kb_id = k.id AND f.kb_id = k.id AND {holds} {also}".rstrip()
+        for holds in within
     )
 
 

@@ -31,9 +31,6 @@ def copied(path, revision, url):
             if rows:
                 flags = [column.name for column in table.columns if isinstance(column.type, sa.Boolean)]
                 writing.execute(table.insert(), [{**row, **{name: bool(row[name]) for name in flags}} for row in rows])
-            if "id" in table.columns:
-                numbering = f"setval(pg_get_serial_sequence('{table.name}', 'id'), {len(rows) + 1})"
-                writing.execute(sa.text(f"SELECT {numbering}"))
     source.dispose()
     target.dispose()
 

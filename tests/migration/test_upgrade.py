@@ -148,7 +148,11 @@ def test_a_migration_that_loses_rows_is_undone(engine, tmp_path):
     filled = worlds.fill(engine)
     with pytest.raises(CommandError, match="facts: 1, mentions: 1"):
         upgrade_with(
-            later(tmp_path, 'op.execute("DELETE FROM facts WHERE id = 1"); op.execute("DELETE FROM mentions")'), engine
+            later(
+                tmp_path,
+                'op.execute("DELETE FROM facts WHERE seq = 1 AND recorded_tx = 1"); op.execute("DELETE FROM mentions")',
+            ),
+            engine,
         )
     assert worlds.digest(engine) == filled
     assert schema.current(engine.url) == schema.HEAD

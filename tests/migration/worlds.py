@@ -12,17 +12,34 @@ ROWS = {
             "id": 1,
             "name": "kenny",
             "use_unknowns": False,
+        }
+    ],
+    "heads": [
+        {
+            "kb_id": 1,
+            "domain_version": 0,
+            "present": 7,
             "last_number": 3,
             "last_time": 30,
-            "history_from": 0,
-            "domain_version": 0,
+            "last_token": 333,
+            "last_late": 0,
+            "last_timeline": 4,
             "last_run": 0,
+            "history_from": 0,
         }
     ],
     "transactions": [
-        {"kb_id": 1, "number": 1, "recorded_time": 10, "changes": 2, "client": "mapper", "note": None},
-        {"kb_id": 1, "number": 2, "recorded_time": 20, "changes": 1, "client": None, "note": None},
-        {"kb_id": 1, "number": 3, "recorded_time": 30, "changes": 1, "client": "driver", "note": "late"},
+        {
+            "kb_id": 1,
+            "number": 1,
+            "recorded_time": 10,
+            "changes": 2,
+            "token": 111,
+            "last_timeline": 3,
+            "client": "mapper",
+        },
+        {"kb_id": 1, "number": 2, "recorded_time": 20, "changes": 1, "token": 222, "last_timeline": 4},
+        {"kb_id": 1, "number": 3, "recorded_time": 30, "changes": 1, "token": 333, "last_timeline": 4, "note": "late"},
     ],
     "timelines": [
         {"id": 1, "kb_id": 1, "role": 0, "knowledge_type": 0, "key": "wp0", "spelling": "WP0"},
@@ -32,21 +49,21 @@ ROWS = {
     ],
     "mentions": [{"kb_id": 1, "object_id": 1, "timeline_id": 2}],
     "instances": [
-        {"id": 1, "timeline_id": 1, "initial_time": 10, "end_time": OPEN, "recorded_tx": 1, "instance_type": "room"}
+        {"recorded_tx": 1, "seq": 0, "timeline_id": 1, "initial_time": 10, "end_time": OPEN, "instance_type": "room"}
     ],
     "facts": [
         # told at 10, replaced by its negation at 20, which transaction 3 took away at 30
-        {"id": 1, "timeline_id": 2, "initial_time": 10, "end_time": 20, "recorded_tx": 1, "level": 4, "ended_tx": 2},
-        {"id": 2, "timeline_id": 2, "initial_time": 20, "end_time": 30, "recorded_tx": 2, "level": 3, "ended_tx": 3},
-        {"id": 3, "timeline_id": 4, "initial_time": 20, "end_time": OPEN, "recorded_tx": 2},
+        {"recorded_tx": 1, "seq": 1, "timeline_id": 2, "initial_time": 10, "end_time": 20, "level": 4, "ended_tx": 2},
+        {"recorded_tx": 2, "seq": 0, "timeline_id": 2, "initial_time": 20, "end_time": 30, "level": 3, "ended_tx": 3},
+        {"recorded_tx": 2, "seq": 1, "timeline_id": 4, "initial_time": 20, "end_time": OPEN},
     ],
     "functions": [
         {
-            "id": 1,
+            "recorded_tx": 2,
+            "seq": 2,
             "timeline_id": 3,
             "initial_time": 20,
             "end_time": OPEN,
-            "recorded_tx": 2,
             "function_value": 80.0,
             "own_rate": -2e8,
             "rate": -2e8,
@@ -63,7 +80,8 @@ def fill(engine):
             for row in rows:
                 columns = dict(row)
                 if "initial_time" in columns:
-                    columns |= {"kb_id": 1, "is_negative": table == "facts" and row["id"] == 2}
+                    is_negative = table == "facts" and row["initial_time"] == 20
+                    columns = {"kb_id": 1, "is_negative": is_negative, "level": 62} | columns
                 names = ", ".join(columns)
                 values = ", ".join(f":{name}" for name in columns)
                 connection.execute(sa.text(f"INSERT INTO {table} ({names}) VALUES ({values})"), columns)

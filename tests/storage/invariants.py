@@ -1,14 +1,18 @@
-"""What is always so in the tables of a store, whatever has been done: read by plain SQL, reckoned anew."""
+"""What is always so in the tables of a store, whatever has been done: read by plain SQL, computed anew."""
 
 from itertools import pairwise
 
 from kbstore.clock import OPEN
 
-TABLES = {"instances": 1, "facts": 2, "functions": 3, "expressions": 4, "inequalities": 5}
+TABLES = {"instances": 0, "facts": 1, "functions": 2, "expressions": 3, "inequalities": 4}
 COLUMNS = (
-    "id, timeline_id, initial_time, end_time, recorded_tx, recorded_time, ended_tx, end_cause,"
-    " cancelled_tx, cancelled_time, level, pending_node, is_negative"
+    "recorded_tx, seq, timeline_id, initial_time, end_time, ended_tx, retired_tx, told_tx, level, end_cause,"
+    " is_negative"
 )
+SCHEDULED = "recorded_tx, seq, knowledge_type, timeline_id, recorded_time, initial_time, until_time, node"
+
+OPEN_LEVEL, EMPTY_LEVEL = 62, -64
+CANCELLED, SUPERSEDED, EMPTIED, SETTLED, CUT_SHORT = range(1, 6)
 
 
 def node(start, end):
@@ -21,9 +25,11 @@ def node(start, end):
 
 
 def level(start, end):
-    """How many zeros its node ends with: all that a row keeps of it."""
+    """How many zeros its node ends with: all that a row keeps of it. What is open or empty has a level of its own."""
     where = node(start, end)
-    return None if where is None else len(format(where, "b")) - len(format(where, "b").rstrip("0"))
+    if where is None:
+        return OPEN_LEVEL if end == OPEN else EMPTY_LEVEL
+    return len(format(where, "b")) - len(format(where, "b").rstrip("0"))
 
 
 class Row:
@@ -33,10 +39,12 @@ class Row:
         self.table = table
         for name, value in zip(COLUMNS.replace(" ", "").split(","), values, strict=True):
             setattr(self, name, value)
-        self.type_name = None
+        self.key = (self.recorded_tx, self.seq)
+        self.is_cancelled = self.retired_tx is not None and self.level == EMPTY_LEVEL and self.ended_tx is None
+        self.is_emptied = self.retired_tx is not None and self.level == EMPTY_LEVEL and self.ended_tx is not None
 
     def __repr__(self):
-        return f"{self.table} {self.id} [{self.initial_time}, {self.end_time})"
+        return f"{self.table} {self.key} [{self.initial_time}, {self.end_time})"
 
 
 def violations(execute, kb):
@@ -47,27 +55,53 @@ def violations(execute, kb):
         if not condition:
             found.append(" ".join(map(str, what)))
 
-    number, latest = execute(f"SELECT last_number, last_time FROM knowledge_bases WHERE id = {kb}")[0]
-    times = dict(execute(f"SELECT number, recorded_time FROM transactions WHERE kb_id = {kb}"))
+    columns = "last_number, last_time, last_token, last_timeline, present"
+    number, latest, token, last_timeline, present = execute(f"SELECT {columns} FROM heads WHERE kb_id = {kb}")[0]
+    told = execute(f"SELECT number, recorded_time, token, last_timeline FROM transactions WHERE kb_id = {kb}")
+    times = {row[0]: row[1] for row in told}
     expect(sorted(times) == list(range(1, number + 1)), "numbers have gaps:", sorted(times), "last", number)
     expect(all(times[a] <= times[b] for a, b in pairwise(sorted(times))), "time runs backwards")
     expect(times.get(number, 0) == latest, "the head is not at the last transaction's time")
-
+    if told:
+        expect(max(told)[2:] == (token, last_timeline), "the head is not that of the last transaction")
+    expect(len({row[2] for row in told}) == len(told), "tokens are not random")
+    ids = sorted(row[0] for row in execute(f"SELECT id FROM timelines WHERE kb_id = {kb}"))
+    expect(ids == list(range(1, last_timeline + 1)), "timelines have gaps", ids, "last", last_timeline)
     timelines = {
         row[0]: row[1:] for row in execute(f"SELECT id, role, knowledge_type, key FROM timelines WHERE kb_id = {kb}")
     }
     mentions = set(execute(f"SELECT object_id, timeline_id FROM mentions WHERE kb_id = {kb}"))
     objects = {key: id for id, (role, kind, key) in timelines.items() if (role, kind) == (0, 0)}
-    standing, empty = {}, {}
-    for table in TABLES:
+    standing, empty, seqs = {}, {}, {}
+    scheduled = {
+        row[:2]: row[2:] for row in execute(f"SELECT {SCHEDULED} FROM schedules WHERE kb_id = {kb} AND NOT is_derived")
+    }
+    revised = {}
+    what = "tx, recorded_tx, seq, knowledge_type, what, end_before"
+    for tx, *key, kind, change, end in execute(f"SELECT {what} FROM revisions WHERE kb_id = {kb} ORDER BY tx"):
+        revised.setdefault(tuple(key), []).append((tx, kind, change, end))
+    found_kinds = 0
+    for table, kind in TABLES.items():
         for values in execute(f"SELECT {COLUMNS} FROM {table} WHERE kb_id = {kb}"):
             row = Row(table, values)
+            found_kinds |= 1 << kind
+            seqs.setdefault(row.recorded_tx, []).append(row.seq)
             _check_row(row, times, expect)
-            if row.end_time > row.initial_time:
+            _check_schedule(row, kind, scheduled.pop(row.key, None), times, expect)
+            _check_revisions(row, kind, revised.pop(row.key, ()), expect)
+            if row.retired_tx is None:
                 standing.setdefault((table, row.timeline_id), []).append(row)
-            elif row.cancelled_tx is None:
+            elif row.is_emptied:
                 empty.setdefault((table, row.timeline_id), []).append(row.initial_time)
-    types = dict(execute(f"SELECT id, instance_type FROM instances WHERE kb_id = {kb}"))
+    expect(not scheduled, "was scheduled and is not there:", scheduled)
+    expect(not revised, "was revised and is not there:", revised)
+    expect(present & 31 == found_kinds, "the head does not tell what is present:", present, found_kinds)
+    for recorded, found_seqs in seqs.items():
+        expect(sorted(found_seqs) == list(range(len(found_seqs))), "places of", recorded, "have gaps", found_seqs)
+
+    types = {
+        row[:2]: row[2] for row in execute(f"SELECT recorded_tx, seq, instance_type FROM instances WHERE kb_id = {kb}")
+    }
     existence_ends = {}
     for (table, timeline), rows in standing.items():
         rows.sort(key=lambda row: row.initial_time)
@@ -100,26 +134,46 @@ def violations(execute, kb):
 
 def _check_row(row, times, expect):
     """What concerns a row alone, and the transactions that touched it."""
-    recorded = times[row.recorded_tx]
     expect(row.initial_time <= row.end_time, row, "ends before it begins")
-    expect(row.level == level(row.initial_time, row.end_time), row, "is kept on the wrong level", row.level)
-    if row.recorded_time is None:
-        expect(row.initial_time == recorded, row, "is not of its transaction's time", recorded)
-        expect(row.pending_node is None, row, "was never pending")
-        expect(row.cancelled_tx is None, row, "took effect and was cancelled")
-    else:
-        until = row.initial_time if row.cancelled_time is None else row.cancelled_time
-        expect(row.recorded_time == recorded < row.initial_time, row, "was not scheduled ahead")
-        expect(row.pending_node == node(row.recorded_time, until), row, "was pending at the wrong node")
-    expect((row.cancelled_tx is None) == (row.cancelled_time is None), row, "is half cancelled")
-    if row.cancelled_tx is not None:
-        expect(row.end_time == row.initial_time, row, "was cancelled and stands")
-        expect(row.cancelled_time == times[row.cancelled_tx] < row.initial_time, row, "was cancelled too late")
-        expect(row.ended_tx is None, row, "was cancelled and ended")
+    expected = level(row.initial_time, row.end_time)
+    if row.retired_tx is not None and expected != EMPTY_LEVEL:
+        expected = -1 - expected
+    expect(row.level == expected, row, "is kept on the wrong level", row.level)
+    expect((row.end_time == row.initial_time) <= (row.retired_tx is not None), row, "has no length and counts")
+    if row.is_cancelled:
+        expect(times[row.retired_tx] < row.initial_time, row, "was cancelled too late")
+    if row.is_emptied:
+        expect(row.retired_tx == row.ended_tx, row, "was retired otherwise than by its end")
     expect((row.ended_tx is None) == (row.end_cause is None), row, "ended without a cause")
     if row.ended_tx is not None:
         expect(row.end_time == times[row.ended_tx], row, "did not end with its transaction")
         expect(row.end_cause in (1, 2, 3, 4, 5), row, "ended for no known cause")
+
+
+def _check_schedule(row, kind, scheduled, times, expect):
+    """A row that was recorded ahead of its time has one in `schedules`, and no other has."""
+    recorded = times[row.recorded_tx]
+    if scheduled is None:
+        expect(row.initial_time == recorded, row, "is not of its transaction's time", recorded)
+        expect(not row.is_cancelled, row, "took effect and was cancelled")
+        return
+    until = times[row.retired_tx] if row.is_cancelled else row.initial_time
+    expected = (kind, row.timeline_id, recorded, row.initial_time, until, node(recorded, until))
+    expect(scheduled == expected, row, "was pending at the wrong node, or otherwise:", scheduled, expected)
+    expect(recorded < row.initial_time, row, "was not scheduled ahead")
+
+
+def _check_revisions(row, kind, revisions, expect):
+    """The revisions of a row fit what became of it."""
+    expect(all(found[1] == kind for found in revisions), row, "was revised as another kind")
+    whats = [what for _, _, what, _ in revisions]
+    expect(all(what == SETTLED for what in whats[:-1]), row, "was revised after its end:", whats)
+    last = whats[-1] if whats else SETTLED
+    expected = CANCELLED if row.is_cancelled else EMPTIED if row.is_emptied else None
+    expect(expected in (None, last), row, "was retired without a revision")
+    expect((last in (CANCELLED, EMPTIED)) == (expected is not None), row, "has a revision, and was not retired")
+    if last == CUT_SHORT:
+        expect(revisions[-1][0] == row.ended_tx and revisions[-1][3] > row.end_time, row, "was not cut short")
 
 
 def _existence_ends(rows, types):
@@ -130,6 +184,6 @@ def _existence_ends(rows, types):
             continue
         after = rows[index + 1] if index + 1 < len(rows) else None
         joined = after is not None and after.initial_time == row.end_time and not after.is_negative
-        if not (joined and types[after.id].lower() == types[row.id].lower()):
+        if not (joined and types[after.key].lower() == types[row.key].lower()):
             ends.append(row.end_time)
     return ends

@@ -72,7 +72,7 @@ def test_read_only_is_held_by_the_database_itself(path, postgresql_url):
     """A read-only connection refuses to change anything, whatever is tried on it."""
     for url in (path, postgresql_url):
         kbstore.open(url).close()
-    change = Statement("UPDATE knowledge_bases SET name = 'other' RETURNING name")
+    change = Statement(sa.text("UPDATE knowledge_bases SET name = 'other' RETURNING name"))
     for url, refusal in ((path, "readonly database"), (postgresql_url, "read-only transaction")):
         database = Database(url, read_only=True)
         for transaction in (database.read, database.begin):
@@ -401,9 +401,9 @@ def test_an_error_within_a_block_is_typed_where_it_arises(tmp_path):
     """A statement that fails in a transaction raises `StoreUnavailable` there, so that the block can catch it."""
     kb = kbstore.open(tmp_path / "store.db")
     with kb.transaction() as transaction:
-        session = transaction._session
+        session = transaction._repository._connection
         with pytest.raises(StoreUnavailable, match="no such table"):
-            session.all(Statement("SELECT * FROM nowhere"), {})
+            session.all(Statement(sa.text("SELECT * FROM nowhere")), {})
         transaction.add("(raining)")
     assert kb.holds("(raining)")
     kb.close()
@@ -412,13 +412,14 @@ def test_an_error_within_a_block_is_typed_where_it_arises(tmp_path):
 def test_after_sqlite_has_rolled_back_by_itself_nothing_more_is_done(tmp_path):
     """After an error that ended the transaction no statement takes effect on its own: all of it is refused."""
     kb = kbstore.open(tmp_path / "store.db")
-    add = Statement("INSERT INTO knowledge_bases VALUES (:id, :name, false, 0, 0, 0, 0, 0)")
+    add = Statement(sa.text("INSERT INTO knowledge_bases VALUES (:id, :name, false)"))
+    fail = Statement(sa.text("INSERT OR ROLLBACK INTO knowledge_bases SELECT * FROM knowledge_bases"))
 
     def go_on():
         with kb._database.begin() as session:
             session.run(add, {"id": 7, "name": "seven"})
             with pytest.raises(StoreUnavailable):
-                session.run(Statement("INSERT OR ROLLBACK INTO knowledge_bases SELECT * FROM knowledge_bases"), {})
+                session.run(fail, {})
             session.run(add, {"id": 8, "name": "eight"})
 
     with pytest.raises(StoreUnavailable, match="rolled back"):

@@ -4,7 +4,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from kbstore.clock import OPEN, TIME_LIMIT
-from kbstore.storage.interval_tree import LEVELS, level, node, path, ranges
+from kbstore.storage.interval_tree import EMPTY_LEVEL, LEVELS, OPEN_LEVEL, level, node, path, ranges, superseded
 
 small = st.integers(0, 70)
 near_a_power = st.builds(lambda power, near: max(0, 2**power + near), st.integers(0, 61), st.integers(-3, 3))
@@ -28,7 +28,7 @@ def test_the_node_is_where_the_paths_to_both_ends_part(start, end):
 def test_the_level_is_how_many_zeros_the_node_ends_with(start, end):
     """With its level the end of an interval tells its node; so does its beginning, which is less than a step before."""
     if end <= start:
-        assert level(start, end) is None
+        assert level(start, end) == EMPTY_LEVEL == -64
         return
     height, where = level(start, end), format(node(start, end), "b")
     assert where.endswith("1" + "0" * height)
@@ -37,12 +37,24 @@ def test_the_level_is_how_many_zeros_the_node_ends_with(start, end):
 
 
 def test_open_and_empty_intervals_have_no_node():
-    """Open intervals have an index of their own; empty ones, as cancelled rows are, are in none."""
+    """Open intervals have a level above the tree, and begin from 0 on; empty ones have one that is never visited."""
     assert node(0, OPEN) is None
     assert node(TIME_LIMIT - 1, OPEN) is None
     assert node(7, 7) is None
     assert node(7, 3) is None
-    assert level(0, OPEN) is level(7, 7) is level(7, 3) is None
+    assert level(0, OPEN) == OPEN_LEVEL == 62
+    assert level(7, 7) == level(7, 3) == EMPTY_LEVEL
+    begins, ends = ranges(TIME_LIMIT - 1)
+    assert (begins[OPEN_LEVEL], ends[OPEN_LEVEL]) == (0, None)
+
+
+def test_superseded_rows_are_on_levels_of_their_own():
+    """No level of what was superseded is one of what is known now, or that of what is empty."""
+    known = range(LEVELS + 1)
+    gone = [superseded(level) for level in known]
+    assert gone == list(range(-1, -64, -1))
+    assert [superseded(level) for level in gone] == list(known)
+    assert not {*known, EMPTY_LEVEL} & set(gone)
 
 
 @given(times, times, times)
@@ -79,7 +91,8 @@ def test_the_block_around_a_time_is_enough(start, end, t):
 def test_a_path_is_as_long_as_the_tree_is_high(t):
     """Each level has one node of the path, and one range, of beginnings or of ends: nobody reads more than that."""
     begins, ends = ranges(t)
-    assert len(path(t)) == len(set(path(t))) == len(begins) == len(ends) == LEVELS
-    for height, (where, first, past) in enumerate(zip(path(t), begins, ends, strict=True)):
+    assert len(path(t)) == len(set(path(t))) == LEVELS
+    assert len(begins) == len(ends) == LEVELS + 1
+    for height, (where, first, past) in enumerate(zip(path(t), begins[:-1], ends[:-1], strict=True)):
         assert where & -where == 2**height
         assert (first is None) == (where <= t + 1) != (past is None)

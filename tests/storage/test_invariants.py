@@ -11,7 +11,7 @@ import kbstore
 from kbstore import KbStoreError
 from kbstore.clock import OPEN, seconds
 from tests.conftest import START
-from tests.storage.invariants import violations
+from tests.storage.invariants import EMPTY_LEVEL, violations
 
 DOMAIN = """
 (define (domain rooms)
@@ -132,14 +132,22 @@ def test_the_tables_are_sound_on_every_store(open_kb, clock):
 
 
 WRONG = {
-    "UPDATE facts SET level = level + 1 WHERE level IS NOT NULL": "is kept on the wrong level",
-    "UPDATE facts SET pending_node = 1 WHERE recorded_time IS NOT NULL": "was pending at the wrong node",
+    "UPDATE facts SET level = level + 1": "is kept on the wrong level",
+    "UPDATE schedules SET node = 1": "was pending at the wrong node",
+    "DELETE FROM schedules": "is not of its transaction's time",
     "UPDATE facts SET end_time = end_time - 1 WHERE ended_tx IS NOT NULL": "did not end with its transaction",
-    "UPDATE facts SET initial_time = initial_time + 1, recorded_time = NULL": "is not of its transaction's time",
-    f"UPDATE facts SET end_time = {OPEN}, level = NULL WHERE recorded_time IS NULL": "overlaps",
-    "UPDATE facts SET cancelled_tx = 1, ended_tx = NULL": "is half cancelled",
+    "UPDATE facts SET initial_time = initial_time + 1": "is not of its transaction's time",
+    f"UPDATE facts SET end_time = {OPEN}, level = 62": "overlaps",
+    f"UPDATE facts SET retired_tx = 4, level = {EMPTY_LEVEL}, end_time = initial_time": "retired without a revision",
+    "DELETE FROM revisions": "was retired without a revision",
+    "UPDATE revisions SET knowledge_type = 3": "was revised as another kind",
+    "UPDATE facts SET seq = seq + 1": "have gaps",
     "UPDATE transactions SET recorded_time = 0 WHERE number = 3": "time runs backwards",
-    "UPDATE knowledge_bases SET last_number = 9": "numbers have gaps",
+    "UPDATE transactions SET token = 7": "tokens are not random",
+    "UPDATE heads SET last_number = 9": "numbers have gaps",
+    "UPDATE heads SET last_token = 9": "the head is not that of the last transaction",
+    "UPDATE heads SET last_timeline = 9": "timelines have gaps",
+    "UPDATE heads SET present = 0": "does not tell what is present",
     "DELETE FROM mentions": "is not known to mention",
 }
 
@@ -152,6 +160,8 @@ def test_what_is_wrong_is_found(damage):
         kb.load(DOMAIN)
         kb.add("wp0 - place", "(open wp0)")
         kb.add("(not (open wp0))", initial_time=START + seconds(5))
+        kb.add("(open wp0)", initial_time=START + seconds(6))
+        kb.remove("(open wp0)", initial_time=START + seconds(6))
         clock.advance(seconds(1))
         kb.add("(not (open wp0))")
         assert violations(*reading(kb)) == []

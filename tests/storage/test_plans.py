@@ -6,16 +6,19 @@ a prepared statement, so that one that it made for an empty table has to be righ
 
 import json
 import re
+from functools import cached_property
+from itertools import pairwise
 
 import pytest
 
 from kbstore.storage import queries
-from kbstore.storage.interval_tree import path, ranges
-from kbstore.storage.statements import Insertion, Lookup, Statement
-from tests.storage.stores import KB, SPAN, TIMELINES
+from kbstore.storage.assertion_queries import for_kind
+from kbstore.storage.interval_tree import LEVELS, path, ranges, superseded
+from kbstore.storage.statements import Batch, Lookup, Statement
+from tests.storage.stores import KB, SPAN
 
 T = SPAN // 2
-TIMELINE = (KB - 1) * TIMELINES + 5
+TIMELINE = 5
 
 VALUES = {
     "kb": KB,
@@ -25,10 +28,10 @@ VALUES = {
     "after": 500,
     "upto": 502,
     "first": T,
+    "last": T + SPAN // 1000,
     "until": T + SPAN // 100,
     "timeline": TIMELINE,
-    "name": "p1",
-    "last": "p1!",
+    "name": "kb2",
     "key": "p1 o1",
     "role": 0,
     "kind": 2,
@@ -37,28 +40,34 @@ VALUES = {
 ARRAYS = {
     "numbers": [500, 501],
     "ids": [TIMELINE, TIMELINE + 4],
-    "keys": ["p1 o1", "p2 o9"],
     "begins": ranges(T)[0],
     "ends": ranges(T)[1],
     "path": path(T),
+    "levels": [*range(LEVELS), *map(superseded, range(LEVELS))],
+    "keys": ["p1 o1", "p2 o9"],
 }
 
-WHOLE = ("knowledge_base_names", "symbols", "timelines_of_kind", "first_transaction_from", "present")
-"""What reads all that there is, because that is the answer; or begins with the first row, and stops there."""
+KEYS = [[500, seq] for seq in (1_000_000, 1_000_001)]
+"""Of assertions: their transactions and places."""
+
+WHOLE = ("knowledge_base_names", "symbols", "timelines_of_kind")
+"""What reads all that there is, because that is the answer."""
 
 
 def questions(tables):
     """The statements that read, by name; those of assertions for each of some tables."""
     named = [(name, statement) for name, statement in vars(queries).items() if isinstance(statement, Statement)]
-    for kind in queries.for_kind.values():
+    for kind in for_kind.values():
         if kind.table in tables:
             named += [
-                (f"{kind.table}.{name}", found) for name, found in vars(kind).items() if isinstance(found, Statement)
+                (f"{kind.table}.{name}", getattr(kind, name))
+                for name, found in vars(type(kind)).items()
+                if isinstance(found, cached_property)
             ]
     return {
         name: statement
         for name, statement in named
-        if not isinstance(statement, Insertion) and statement.sqlite.lstrip().startswith(("SELECT", "WITH"))
+        if not isinstance(statement, Batch) and statement.sqlite.lstrip().startswith(("SELECT", "WITH"))
     }
 
 
@@ -66,20 +75,28 @@ ALL = ("facts", "functions", "instances", "expressions", "inequalities")
 READING = [name for name in questions(ALL) if name not in WHOLE]
 
 
+def values_of(statement, as_array):
+    """Values for all parameters; the same name means another thing in some statements."""
+    values = VALUES | {name: as_array(value) for name, value in ARRAYS.items()}
+    if statement is queries.timelines_of_symbol:
+        values |= {"first": "p1", "last": "p1!"}
+    if "json_extract" in statement.sqlite:
+        values["keys"] = json.dumps(KEYS)
+    return values
+
+
 def sqlite_plan(driver, statement):
-    values = VALUES | {name: json.dumps(value) for name, value in ARRAYS.items()}
+    values = values_of(statement, json.dumps)
     if isinstance(statement, Lookup):
         parameters = tuple(values[name] for name in statement.names)
     else:
         parameters = {name: values[name] for name in set(re.findall(r"(?<![:\w]):(\w+)", statement.sqlite))}
-        if statement is queries.timelines_of_symbol:
-            parameters["first"] = "p1 "
     return [step[3] for step in driver.execute(f"EXPLAIN QUERY PLAN {statement.sqlite}", parameters)]
 
 
 def goes_through(step):
     """Whether a step of SQLite's plan reads a table, or all that a knowledge base has in it."""
-    scan = "SCAN" in step and "VIRTUAL TABLE" not in step and "CONSTANT ROW" not in step
+    scan = re.search(r"SCAN (?!span|found)", step) and "VIRTUAL TABLE" not in step and "CONSTANT ROW" not in step
     return scan or "(kb_id=?)" in step or "BLOOM" in step or "AUTOMATIC" in step
 
 
@@ -108,18 +125,17 @@ def test_nothing_is_gone_through_on_sqlite(sqlite, name):
 
 
 @pytest.mark.parametrize("table", ALL)
-def test_the_three_branches_of_state_at_t_on_sqlite(sqlite, table):
-    """The state at t is read from one range of starts or of ends on each level, and what is open by start."""
-    statements = next(found for found in queries.for_kind.values() if found.table == table)
+def test_the_two_branches_of_state_at_t_on_sqlite(sqlite, table):
+    """The state at t is read from one range of starts or of ends on each level; what is open has a level of its own."""
+    statements = next(found for found in for_kind.values() if found.table == table)
     branches = [
         f"SEARCH {table} USING INDEX ix_{table}_begin (kb_id=? AND level=? AND initial_time>? AND initial_time<?)",
         f"SEARCH {table} USING INDEX ix_{table}_end (kb_id=? AND level=? AND end_time>? AND end_time<?)",
-        f"SEARCH {table} USING INDEX ix_{table}_open (kb_id=? AND initial_time<?)",
     ]
     plan = [step for step in sqlite_plan(sqlite, statements.standing) if step.startswith("SEARCH")]
     assert plan == branches
     as_of = [step for step in sqlite_plan(sqlite, statements.standing_as_of) if step.startswith("SEARCH")]
-    assert as_of[:3] == branches
+    assert as_of == branches * 2
 
 
 def test_running_actions_are_read_from_the_tree_on_sqlite(sqlite):
@@ -134,11 +150,10 @@ def test_running_actions_are_read_from_the_tree_on_sqlite(sqlite):
 @pytest.mark.parametrize("table", ALL)
 def test_one_thing_is_one_look_up_on_sqlite(sqlite, table):
     """A question about one timeline goes down one index, to one row, and to the row of the knowledge base."""
-    statements = next(found for found in queries.for_kind.values() if found.table == table)
+    statements = next(found for found in for_kind.values() if found.table == table)
     assert [step for step in sqlite_plan(sqlite, statements.point) if step.startswith("SEARCH")] == [
-        "SEARCH k USING INTEGER PRIMARY KEY (rowid=?)",
-        "SEARCH f USING INTEGER PRIMARY KEY (rowid=?) LEFT-JOIN",
-        f"SEARCH g USING INDEX ux_{table}_timeline (kb_id=? AND timeline_id=? AND initial_time<?)",
+        f"SEARCH {table} USING INDEX ux_{table}_timeline (kb_id=? AND timeline_id=? AND initial_time<?)",
+        "SEARCH heads USING INTEGER PRIMARY KEY (rowid=?)",
     ]
 
 
@@ -146,25 +161,38 @@ def test_one_thing_is_one_look_up_on_sqlite(sqlite, table):
 @pytest.mark.parametrize(
     ("name", "used"),
     [
-        ("pending", "{table} USING INDEX ix_{table}_pending (kb_id=? AND pending_node=?)"),
-        ("due", "{table} USING INDEX ix_{table}_scheduled (kb_id=? AND initial_time>? AND initial_time<?)"),
-        ("ahead", "{table} USING INDEX ix_{table}_scheduled (kb_id=? AND initial_time>?)"),
-        ("live", "f USING INDEX ux_{table}_timeline (kb_id=? AND timeline_id=? AND initial_time>?)"),
+        ("by_key", "{table} USING INDEX sqlite_autoindex_{table}_1 (kb_id=? AND recorded_tx=? AND seq=?)"),
+        ("live", "{table} USING INDEX ux_{table}_timeline (kb_id=? AND timeline_id=? AND initial_time>?)"),
         ("next_start", "{table} USING INDEX ux_{table}_timeline (kb_id=? AND timeline_id=? AND initial_time>?)"),
     ],
 )
 def test_what_lies_ahead_is_found_by_its_index_on_sqlite(sqlite, table, name, used):
-    """What is pending has a tree of its own; what is due is found by time; a writer reads the end of a timeline."""
-    statements = next(found for found in queries.for_kind.values() if found.table == table)
+    """A writer reads the end of a timeline; a row that was scheduled is read by its key."""
+    statements = next(found for found in for_kind.values() if found.table == table)
     plan = [step.replace("COVERING ", "") for step in sqlite_plan(sqlite, getattr(statements, name))]
     assert f"SEARCH {used.format(table=table)}" in plan
+
+
+@pytest.mark.parametrize(
+    ("name", "used"),
+    [
+        ("pending", "schedules USING INDEX ix_schedules_node (kb_id=? AND node=?)"),
+        ("due", "schedules USING INDEX ix_schedules_initial_time (kb_id=? AND initial_time>? AND initial_time<?)"),
+        ("ahead", "schedules USING INDEX ix_schedules_initial_time (kb_id=? AND initial_time>?)"),
+        ("revised", "revisions USING PRIMARY KEY (kb_id=? AND tx>? AND tx<?)"),
+    ],
+)
+def test_schedules_and_revisions_are_found_by_their_indexes_on_sqlite(sqlite, name, used):
+    """What is pending has a tree of its own; what is due is found by time; revisions by their transactions."""
+    assert f"SEARCH {used}" in sqlite_plan(sqlite, getattr(queries, name))
 
 
 # -- PostgreSQL -----------------------------------------------------------------------------------------------------
 
 ON_LARGE_TABLES = [
     *(name for name in questions(["facts"]) if name.startswith("facts.")),
-    *(f"{table}.{name}" for table in ALL for name in ("standing", "pending", "live", "due", "point")),
+    *(f"{table}.{name}" for table in ALL for name in ("standing", "live", "by_key", "ended", "point")),
+    *("pending", "pending_as_of", "due", "ahead", "revised"),
 ]
 
 
@@ -172,7 +200,7 @@ ON_LARGE_TABLES = [
 def test_large_tables_are_read_by_indexes_on_postgresql(long_postgresql, name):
     """Where a table is large, no question reads it from end to end."""
     statement = questions(ALL)[name]
-    values = VALUES | {name: list(value) for name, value in ARRAYS.items()}
+    values = values_of(statement, list)
     parameters = {name: values[name] for name in set(re.findall(r"%\((\w+)\)s", statement.postgresql))}
     plan = [row[0] for row in long_postgresql.execute(f"EXPLAIN {statement.postgresql}", parameters)]
     table = name.partition(".")[0]
@@ -180,10 +208,7 @@ def test_large_tables_are_read_by_indexes_on_postgresql(long_postgresql, name):
     assert not [step for step in plan if f"Seq Scan on {table}" in step]
 
 
-# `ended` and `standing_as_of` look for rows of no length among those of a knowledge base, which are few
-@pytest.mark.parametrize(
-    "name", [name for name in READING if not name.endswith(("running_as_of", ".ended", ".standing_as_of"))]
-)
+@pytest.mark.parametrize("name", [name for name in READING if name != "running_as_of"])
 def test_the_plan_for_an_empty_table_holds_when_it_is_full_on_postgresql(young_postgresql, name):
     """Nothing that is planned while a table is empty goes through all of a knowledge base later."""
     if young_postgresql.info.server_version < 160000:
@@ -193,4 +218,10 @@ def test_the_plan_for_an_empty_table_holds_when_it_is_full_on_postgresql(young_p
     numbered = re.sub(r"%\((\w+)\)s", lambda found: f"${names.index(found[1]) + 1}", statement)
     plan = [row[0] for row in young_postgresql.execute(f"EXPLAIN (GENERIC_PLAN, COSTS OFF) {numbered}".encode())]
     assert any("Scan" in step for step in plan)
-    assert not [step for step in plan if "Seq Scan" in step or re.search(r"Index Cond: \(kb_id = \S+\)$", step)]
+    # the head of a knowledge base has no other key
+    whole = [
+        condition
+        for scan, condition in pairwise(plan)
+        if re.search(r"Index Cond: \(kb_id = \S+\)$", condition) and "using pk_heads on heads" not in scan
+    ]
+    assert not whole + [step for step in plan if "Seq Scan" in step]

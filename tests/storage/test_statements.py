@@ -1,52 +1,137 @@
-"""Statements are written once, and translated for both engines."""
+"""Statements are Core constructs, compiled once for each engine to what its driver takes."""
 
-from kbstore.storage.statements import Insertion, Lookup, Statement
+import pytest
+import sqlalchemy as sa
+
+from kbstore.storage.statements import Batch, Lookup, Statement, among, constant, each, each_pair, insert, parameter
+
+T = sa.Table(
+    "t",
+    sa.MetaData(),
+    sa.Column("a", sa.Integer, primary_key=True, autoincrement=False),
+    sa.Column("b", sa.BigInteger),
+    sa.Column("c", sa.Text),
+)
+
+
+def texts(statement):
+    """Both texts, without line breaks."""
+    return [" ".join(text.split()) for text in (statement.sqlite, statement.postgresql)]
 
 
 def test_named_parameters():
-    """SQLite takes parameters as they are written, psycopg as %(name)s; a cast with :: is none."""
-    statement = Statement("SELECT a FROM t WHERE b = :b AND c < :c2 AND d = '1'::text AND e = :b")
-    assert statement.sqlite == "SELECT a FROM t WHERE b = :b AND c < :c2 AND d = '1'::text AND e = :b"
-    assert statement.postgresql == "SELECT a FROM t WHERE b = %(b)s AND c < %(c2)s AND d = '1'::text AND e = %(b)s"
+    """SQLite takes :name, psycopg %(name)s, with the type of the column."""
+    statement = Statement(sa.select(T.c.a).where(T.c.b == parameter("b"), T.c.c < parameter("c")))
+    assert texts(statement) == [
+        "SELECT t.a FROM t WHERE t.b = :b AND t.c < :c",
+        "SELECT t.a FROM t WHERE t.b = %(b)s::BIGINT AND t.c < %(c)s::VARCHAR",
+    ]
+
+
+def test_a_statement_is_compiled_once():
+    """The text is made when it is first used, for the engine that uses it, and kept."""
+    made = []
+    statement = Statement(lambda dialect: made.append(dialect) or sa.select(T.c.a))
+    assert [statement.sqlite is statement.sqlite, made] == [True, ["sqlite"]]
+    assert [statement.postgresql is statement.postgresql, made] == [True, ["sqlite", "postgresql"]]
+    with pytest.raises(AttributeError):
+        _ = statement.oracle
+
+
+def test_a_column_that_is_not_there_is_noticed():
+    """What a text would have hidden until it ran."""
+    with pytest.raises(AttributeError, match="nothing"):
+        _ = T.c.nothing
 
 
 def test_each_is_a_table_of_the_values_of_an_array():
-    """EACH is json_each on SQLite and unnest on PostgreSQL, each with the column `value`."""
-    statement = Statement("SELECT value FROM EACH(names AS text)")
-    assert statement.sqlite == "SELECT value FROM json_each(:names)"
-    assert statement.postgresql == "SELECT value FROM unnest(CAST(%(names)s AS text[])) AS each_row(value)"
+    """It is json_each on SQLite and unnest on PostgreSQL, each with the values and their places from 0 on."""
+
+    def select(dialect):
+        table, value, place = each(dialect, "ids")
+        return sa.select(value, place).select_from(table)
+
+    assert texts(Statement(select)) == [
+        'SELECT value.value, value."key" FROM json_each(:ids) AS value',
+        "SELECT value.value, value.ordinality - 1 AS anon_1"
+        " FROM unnest(CAST(%(ids)s AS bigint[])) WITH ORDINALITY AS value",
+    ]
+
+
+def test_each_pair_is_a_table_of_two_columns():
+    """Pairs are JSON on both engines."""
+
+    def select(dialect):
+        table, first, second = each_pair(dialect, "keys")
+        return sa.select(first.label("one"), second.label("two")).select_from(table)
+
+    sqlite, postgresql = texts(Statement(select))
+    assert sqlite.startswith("SELECT json_extract(value.value, '$[0]') AS one, json_extract(value.value, '$[1]')")
+    assert "json_array_elements(CAST(%(keys)s AS json)) AS value" in postgresql
 
 
 def test_among_is_no_join():
-    """AMONG is an IN on SQLite and = ANY on PostgreSQL, also of a column with its table's name."""
-    statement = Statement("SELECT 1 FROM t WHERE AMONG(t.node, path)")
-    assert statement.sqlite == "SELECT 1 FROM t WHERE t.node IN (SELECT value FROM json_each(:path))"
-    assert statement.postgresql == "SELECT 1 FROM t WHERE t.node = ANY(CAST(%(path)s AS bigint[]))"
+    """It is an IN on SQLite and = ANY on PostgreSQL."""
+    assert texts(Statement(sa.select(T.c.a).where(among(T.c.b, "path"), sa.not_(among(T.c.c, "keys", "text"))))) == [
+        "SELECT t.a FROM t WHERE t.b IN (SELECT value FROM json_each(:path))"
+        " AND NOT t.c IN (SELECT value FROM json_each(:keys))",
+        "SELECT t.a FROM t WHERE t.b = ANY(CAST(%(path)s AS bigint[])) AND NOT t.c = ANY(CAST(%(keys)s AS text[]))",
+    ]
 
 
 def test_what_only_one_engine_has():
-    """SQLite has one write lock and no FOR UPDATE; it can be told which index to take."""
-    statement = Statement("SELECT 1 FROM t BY(ix_t_a) WHERE a = :a FOR UPDATE")
-    assert statement.sqlite == "SELECT 1 FROM t INDEXED BY ix_t_a WHERE a = :a"
-    assert statement.postgresql == "SELECT 1 FROM t WHERE a = %(a)s FOR UPDATE"
+    """SQLite has no FOR UPDATE; it joins in the order that is written, by the index that is named."""
+    other = T.alias("u")
+    statement = Statement(
+        sa.select(T.c.a)
+        .select_from(T.join(other, T.c.b == other.c.a))
+        .with_hint(T, "INDEXED BY ix", "sqlite")
+        .limit(constant(1))
+        .with_for_update()
+    )
+    assert texts(statement) == [
+        "SELECT t.a FROM t INDEXED BY ix CROSS JOIN t AS u ON t.b = u.a LIMIT 1",
+        "SELECT t.a FROM t JOIN t AS u ON t.b = u.a LIMIT 1 FOR UPDATE",
+    ]
 
 
-def test_other_words_for_postgresql():
-    """A second text, where there is one, is PostgreSQL's, and translated likewise."""
-    statement = Statement("SELECT 1", "SELECT :two FROM EACH(ids AS bigint)")
-    assert statement.sqlite == "SELECT 1"
-    assert statement.postgresql == "SELECT %(two)s FROM unnest(CAST(%(ids)s AS bigint[])) AS each_row(value)"
+def test_a_lookup_has_parameters_in_their_order():
+    """A look-up's parameters are given in the order in which they occur, as often as they do."""
+    found = sa.select(T.c.a).where(T.c.a == parameter("kb"), T.c.b <= parameter("t"), T.c.b != parameter("kb"))
+    assert texts(Lookup(found, "kb", "t", "kb")) == [
+        "SELECT t.a FROM t WHERE t.a = ? AND t.b <= ? AND t.b != ?",
+        "SELECT t.a FROM t WHERE t.a = %(kb)s::INTEGER AND t.b <= %(t)s::BIGINT AND t.b != %(kb)s::BIGINT",
+    ]
+    with pytest.raises(AssertionError):
+        _ = Lookup(found, "t", "kb", "kb").sqlite
 
 
-def test_a_lookup_has_numbered_parameters():
-    """A look-up's parameters are numbered in the order in which they are given, however often each occurs."""
-    lookup = Lookup("SELECT a FROM t WHERE k = :kb AND t <= :t AND u = :kb", "kb", "t")
-    assert lookup.sqlite == "SELECT a FROM t WHERE k = ?1 AND t <= ?2 AND u = ?1"
-    assert lookup.postgresql == "SELECT a FROM t WHERE k = %(kb)s AND t <= %(t)s AND u = %(kb)s"
+def test_a_batch_that_adds_takes_sequences():
+    """Rows are given in the order of the table's columns."""
+    adding = Batch.adding(T, "c", "a")
+    assert adding.columns == ("a", "c")
+    assert texts(adding) == [
+        "INSERT INTO t (a, c) VALUES (?, ?)",
+        "INSERT INTO t (a, c) VALUES (%s::INTEGER, %s::VARCHAR)",
+    ]
+    assert texts(Batch.adding(T, ignoring=True))[0].endswith("VALUES (?, ?, ?) ON CONFLICT DO NOTHING")
 
 
-def test_an_insertion_takes_sequences():
-    """Rows are given in the order of the columns."""
-    insertion = Insertion("t", "a", "b")
-    assert insertion.sqlite == "INSERT INTO t (a, b) VALUES (?, ?)"
-    assert insertion.postgresql == "INSERT INTO t (a, b) VALUES (%s, %s)"
+def test_a_batch_that_changes_takes_the_values_and_then_the_key():
+    """What is set comes in the order of the table, and then the key of the row."""
+    changing = Batch.changing(T, "c", "b", key={"a": "row"})
+    assert changing.columns == ("b", "c", "row")
+    assert texts(changing) == [
+        "UPDATE t SET b=?, c=? WHERE t.a = ?",
+        "UPDATE t SET b=%s::BIGINT, c=%s::VARCHAR WHERE t.a = %s::INTEGER",
+    ]
+
+
+def test_what_is_there_can_be_replaced_on_both_engines():
+    """An ON CONFLICT is made for each engine."""
+
+    def put(dialect):
+        added = insert(dialect, T).values(a=parameter("a"), c=parameter("c"))
+        return added.on_conflict_do_update(index_elements=[T.c.a], set_={"c": added.excluded.c})
+
+    assert all(text.endswith("ON CONFLICT (a) DO UPDATE SET c = excluded.c") for text in texts(Statement(put)))

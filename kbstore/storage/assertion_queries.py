@@ -1,0 +1,337 @@
+"""The SQL statements for the five tables of assertions: the same for each, with the table's own columns."""
+
+from functools import cached_property
+from typing import Any
+
+import sqlalchemy as sa
+from sqlalchemy import and_, select
+
+from kbstore.clock import OPEN
+from kbstore.messages import KnowledgeType
+from kbstore.storage import tables
+from kbstore.storage.interval_tree import EMPTY_LEVEL
+from kbstore.storage.statements import (
+    KB,
+    Batch,
+    Lookup,
+    Statement,
+    among,
+    between,
+    constant,
+    each,
+    each_pair,
+    parameter,
+)
+
+ROW = {"kb_id": "kb", "recorded_tx": "row_tx", "seq": "row_seq"}
+"""The key of an assertion, and what its values are called where a row is changed."""
+
+HEAD_COLUMNS = (
+    "last_number",
+    "last_time",
+    "last_token",
+    "last_late",
+    "last_timeline",
+    "last_run",
+    "domain_version",
+    "history_from",
+    "present",
+    "source",
+)
+"""Where the record of a knowledge base stands: the columns of its head, in the order in which they are read."""
+
+_heads, _schedules = tables.heads.c, tables.schedules.c
+
+
+class AssertionQueries:
+    """The statements for one of the five tables of assertions."""
+
+    def __init__(self, table: sa.Table) -> None:
+        self.table = table.name
+        self._table = table
+        self._columns = table.c
+        own = [column for column in table.c if column.name not in tables.facts.c]
+        self._value = [table.c.is_negative, *own]
+        self._state = [table.c.timeline_id, table.c.initial_time, *self._value]
+        names = ("timeline_id", "initial_time", "end_time", "recorded_tx", "ended_tx", "retired_tx", "told_tx")
+        self._recorded = [*(table.c[name] for name in names), table.c.level, table.c.end_cause, *self._value]
+
+    # -- a state ------------------------------------------------------------------------------------------------
+
+    @cached_property
+    def standing(self) -> Statement:
+        """What stands at :t by what is known now."""
+        return Statement(lambda dialect: sa.union_all(*self._in_tree(dialect)))
+
+    @cached_property
+    def standing_as_of(self) -> Statement:
+        """What stood at :t by what was known after the transaction :number, whose time is not before :t."""
+        columns = self._columns
+        known = columns.recorded_tx <= parameter("number")
+        since = columns.retired_tx > parameter("number")
+        return Statement(
+            lambda dialect: sa.union_all(
+                *self._in_tree(dialect, known), *self._in_tree(dialect, known, since, superseded=True)
+            )
+        )
+
+    @cached_property
+    def ended_since(self) -> Statement:
+        """What stood at :t, the time of the transaction :number, and was ended at :t by a later one.
+
+        :levels are all on which something is kept that has an end.
+        """
+        columns, number = self._columns, parameter("number")
+        was_known = and_(
+            columns.recorded_tx <= number,
+            columns.ended_tx > number,
+            sa.or_(columns.retired_tx.is_(None), columns.retired_tx > number),
+        )
+        empty = self._select(self._state, "begin").where(
+            columns.kb_id == KB,
+            columns.level == constant(EMPTY_LEVEL),
+            columns.initial_time == parameter("t"),
+            columns.ended_tx > number,
+            columns.recorded_tx <= number,
+        )
+
+        def union(dialect: str) -> Any:
+            levels, level, _ = each(dialect, "levels")
+            closed = self._for_each(
+                dialect,
+                levels,
+                self._state,
+                "end",
+                columns.level == level,
+                columns.end_time == parameter("t"),
+                columns.end_time < constant(OPEN),
+                was_known,
+            )
+            return sa.union_all(closed, empty)
+
+        return Statement(union)
+
+    def _in_tree(self, dialect: str, *conditions: Any, superseded: bool = False) -> tuple[Any, Any]:
+        """What stands at :t: on each level, one range of beginnings or of ends."""
+        columns, t = self._columns, parameter("t")
+
+        def on_levels(index: str, bounds: str, within: Any) -> Any:
+            values, bound, place = each(dialect, bounds)
+            level = constant(-1) - place if superseded else place
+            return self._for_each(
+                dialect, values, self._state, index, columns.level == level, within(bound), *conditions
+            )
+
+        return (
+            on_levels("begin", "begins", lambda bound: and_(columns.initial_time >= bound, columns.initial_time <= t)),
+            on_levels(
+                "end",
+                "ends",
+                lambda bound: and_(columns.end_time > t, columns.end_time < bound, columns.end_time < constant(OPEN)),
+            ),
+        )
+
+    # -- one timeline -------------------------------------------------------------------------------------------
+
+    @cached_property
+    def point(self) -> Lookup:
+        """The head, and the latest row of one timeline that begins no later than :t."""
+        columns, kb = self._columns, KB
+        latest = self._on_timeline(columns, columns.timeline_id == parameter("timeline"))
+        latest = latest.where(columns.initial_time <= parameter("t"))
+        found = (
+            latest.with_only_columns(columns.end_time, columns.initial_time, *self._value)
+            .order_by(columns.initial_time.desc())
+            .limit(constant(1))
+            .subquery("found")
+        )
+        return Lookup(
+            select(*(_heads[name] for name in HEAD_COLUMNS), *found.c)
+            .select_from(tables.heads.outerjoin(found, sa.true()))
+            .where(_heads.kb_id == kb),
+            "kb",
+            "timeline",
+            "t",
+            "kb",
+        )
+
+    @cached_property
+    def next_start(self) -> Statement:
+        """When the next assertion on a timeline begins."""
+        columns = self._columns
+        on_timeline = self._on_timeline(columns, columns.timeline_id == parameter("timeline"))
+        after = on_timeline.where(columns.initial_time > parameter("t"))
+        return Statement(after.order_by(columns.initial_time).limit(constant(1)))
+
+    @cached_property
+    def latest_start(self) -> Statement:
+        """When the latest row of a timeline that begins no later than :t begins; 0 if there is none."""
+        columns = self._columns
+        on_timeline = self._on_timeline(columns, columns.timeline_id == parameter("timeline"))
+        latest = on_timeline.where(columns.initial_time <= parameter("t"))
+        return Statement(latest.with_only_columns(_greatest(columns.initial_time)))
+
+    @cached_property
+    def live(self) -> Statement:
+        """For each timeline the latest row that begins no later than :t, ended or not, and all that lie ahead of :t.
+
+        Those that lie ahead with when they were recorded.
+        """
+        columns, other = self._columns, self._table.alias("latest").c
+        recorded_time = (
+            select(_schedules.recorded_time)
+            .where(
+                _schedules.kb_id == KB,
+                _schedules.recorded_tx == columns.recorded_tx,
+                _schedules.seq == columns.seq,
+            )
+            .correlate(self._table)
+            .scalar_subquery()
+        )
+        stored = [columns[name] for name in ("timeline_id", "recorded_tx", "seq", "initial_time", "end_time")]
+        scheduled = sa.case((columns.initial_time > parameter("t"), recorded_time))
+
+        def rows(dialect: str) -> Any:
+            ids, id, _ = each(dialect, "ids")
+            latest = self._on_timeline(other, other.timeline_id == id).where(other.initial_time <= parameter("t"))
+            first = latest.with_only_columns(_greatest(other.initial_time)).correlate(ids).scalar_subquery()
+            return self._for_each(
+                dialect,
+                ids,
+                [*stored, scheduled.label("recorded_time"), *self._value],
+                None,
+                columns.timeline_id == id,
+                columns.retired_tx.is_(None),
+                columns.initial_time >= first,
+            )
+
+        return Statement(rows)
+
+    @cached_property
+    def history(self) -> Statement:
+        """All rows of some timelines that begin in [:first, :until), retired ones included."""
+        columns = self._columns
+        begun = select(*self._recorded).where(
+            columns.kb_id == KB,
+            among(columns.timeline_id, "ids"),
+            columns.initial_time >= parameter("first"),
+            columns.initial_time < parameter("until"),
+        )
+        return Statement(
+            sa.union_all(begun.where(columns.retired_tx.is_(None)), begun.where(columns.retired_tx.is_not(None)))
+        )
+
+    # -- the record ---------------------------------------------------------------------------------------------
+
+    @cached_property
+    def recorded(self) -> Statement:
+        """The rows that the transactions after :after and up to :upto recorded, in their order."""
+        columns = self._columns
+        rows = select(*self._recorded).where(columns.kb_id == KB, between(columns.recorded_tx))
+        return Statement(rows.order_by(columns.recorded_tx, columns.seq))
+
+    @cached_property
+    def ended(self) -> Statement:
+        """The rows that the transactions after :after and up to :upto ended, at times from :first to :last.
+
+        Without those of no length. :levels are all on which something is kept that has an end.
+        """
+        columns = self._columns
+
+        def rows(dialect: str) -> Any:
+            levels, level, _ = each(dialect, "levels")
+            return self._for_each(
+                dialect,
+                levels,
+                self._recorded,
+                "end",
+                columns.level == level,
+                columns.end_time >= parameter("first"),
+                columns.end_time <= parameter("last"),
+                columns.end_time < constant(OPEN),
+                between(columns.ended_tx),
+                # what late knowledge recorded may have inherited its end
+                columns.recorded_tx <= columns.ended_tx,
+            )
+
+        return Statement(rows)
+
+    @cached_property
+    def by_key(self) -> Statement:
+        """The rows with some keys, in the order of the keys."""
+        columns = self._columns
+
+        def rows(dialect: str) -> Any:
+            keys, number, seq = each_pair(dialect, "keys")
+            return self._for_each(
+                dialect,
+                keys,
+                self._recorded,
+                None,
+                columns.recorded_tx == number,
+                columns.seq == seq,
+            )
+
+        return Statement(rows)
+
+    # -- writing ------------------------------------------------------------------------------------------------
+
+    @cached_property
+    def add(self) -> Batch:
+        """Add rows."""
+        columns = ("kb_id", "seq", "recorded_tx", "timeline_id", "initial_time", "end_time", "level")
+        return Batch.adding(self._table, *columns, *(column.name for column in self._value))
+
+    @cached_property
+    def end(self) -> Batch:
+        """End a row at a transaction's own time."""
+        return self._update("end_time", "level", "ended_tx", "end_cause")
+
+    @cached_property
+    def empty(self) -> Batch:
+        """End a row at the time at which it began."""
+        return self._update("end_time", "level", "ended_tx", "end_cause", "retired_tx")
+
+    @cached_property
+    def cancel(self) -> Batch:
+        """Cancel a row: it never takes effect."""
+        return self._update("end_time", "level", "retired_tx")
+
+    @cached_property
+    def settle(self) -> Batch:
+        """Give a row the end that is derived for it."""
+        return self._update("end_time", "level")
+
+    # -- parts of statements ------------------------------------------------------------------------------------
+
+    def _select(self, columns: Any, index: str | None) -> Any:
+        found = select(*columns)
+        if index is None:
+            return found
+        return found.with_hint(self._table, f"INDEXED BY ix_{self.table}_{index}", "sqlite")
+
+    def _for_each(self, dialect: str, values: Any, columns: Any, index: str | None, *conditions: Any) -> Any:
+        """Rows of the table for each value of an array."""
+        conditions = (self._columns.kb_id == KB, *conditions)
+        if dialect == "sqlite":
+            return self._select(columns, index).select_from(values.join(self._table, and_(*conditions)))
+        # while the table is small, PostgreSQL would plan a join that reads all of it, and go on with that plan
+        found = select(*columns).where(*conditions).offset(constant(0)).lateral("found")
+        return select(found).select_from(values.join(found, sa.true()))
+
+    @staticmethod
+    def _on_timeline(columns: Any, which: Any) -> Any:
+        """When what is known now of a timeline begins."""
+        return select(columns.initial_time).where(columns.kb_id == KB, which, columns.retired_tx.is_(None))
+
+    def _update(self, *names: str) -> Batch:
+        return Batch.changing(self._table, *names, key=ROW)
+
+
+def _greatest(column: Any) -> Any:
+    return sa.func.coalesce(sa.func.max(column), constant(0))
+
+
+for_kind: dict[KnowledgeType, AssertionQueries] = {
+    kind: AssertionQueries(table) for kind, table in tables.assertion_tables.items()
+}

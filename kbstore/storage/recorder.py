@@ -1,0 +1,157 @@
+"""Writes the row changes of one transaction, with what is derived from them: levels, nodes, places, revisions."""
+
+import secrets
+from collections.abc import Sequence
+from typing import Any
+
+from kbstore.clock import OPEN, SECOND
+from kbstore.messages import KnowledgeType
+from kbstore.model.timelines import Timeline, stored_key
+from kbstore.storage import queries
+from kbstore.storage.assertion_queries import HEAD_COLUMNS, for_kind
+from kbstore.storage.connection import StoreConnection
+from kbstore.storage.interval_tree import EMPTY_LEVEL, level, node
+from kbstore.storage.records import Head, RowChanges, RunRow, StoredAssertion
+from kbstore.storage.tables import PRESENT_SCHEDULES, Revision
+
+_TOKEN_BITS = 62
+
+
+class Recorder:
+    """One transaction of a knowledge base: its number follows that of the head, which is locked."""
+
+    def __init__(self, connection: StoreConnection, kb: int, head: Head, now: int) -> None:
+        self._connection = connection
+        self._kb = kb
+        self._head = head
+        self._number = head.number + 1
+        self._now = now
+        self._revisions: list[tuple[Any, ...]] = []
+        self._schedules: list[tuple[Any, ...]] = []
+
+    def record(self, changes: RowChanges, client: str, note: str) -> Head:
+        """Write everything, and advance the head; returns it."""
+        connection, kb, before = self._connection, self._kb, self._head
+        present = before.present | sum(1 << kind for kind, added in changes.adds.items() if added)
+        token = secrets.randbits(_TOKEN_BITS)
+        with connection.together():
+            self._add_timelines(changes)
+            last_timeline = before.timeline + len(changes.timelines)
+            row = (kb, changes.changes, self._number, self._now, token, last_timeline, None, client, note)
+            connection.many(queries.add_transaction, [row])
+            if changes.domain is not None:
+                name, source, sensed = changes.domain
+                version = before.domain_version + 1
+                connection.many(queries.add_domain, [(kb, version, self._now, self._number, name, source, sensed)])
+            for symbol in changes.symbols:
+                connection.run(queries.put_symbol, {"kb_id": kb, **symbol._asdict()})
+            self._change_assertions(changes)
+            self._add_assertions(changes)
+            connection.many(queries.add_revision, self._revisions)
+            connection.many(queries.add_schedule, self._schedules)
+            self._write_runs(changes)
+            head = before._replace(
+                number=self._number,
+                time=self._now,
+                token=token,
+                timeline=last_timeline,
+                last_run=max(before.last_run, changes.last_run),
+                domain_version=before.domain_version + (changes.domain is not None),
+                present=present | (PRESENT_SCHEDULES if self._schedules else 0),
+            )
+            put_head(connection, kb, head)
+        return head
+
+    # -- assertions -------------------------------------------------------------------------------------------
+
+    def _change_assertions(self, changes: RowChanges) -> None:
+        """What ends, is cancelled, or gets another end: before what begins, which may take its place."""
+        connection, kb, number, now = self._connection, self._kb, self._number, self._now
+        for kind, ends in changes.ends.items():
+            statements = for_kind[kind]
+            ended, emptied = [], []
+            for row, cause in ends:
+                if row.initial_time < now:
+                    ended.append((now, number, level(row.initial_time, now), int(cause), kb, row.recorded_tx, row.seq))
+                    if row.end_time != OPEN:
+                        self._revise(kind, row, Revision.CUT_SHORT)
+                else:
+                    emptied.append((now, number, number, EMPTY_LEVEL, int(cause), kb, row.recorded_tx, row.seq))
+                    self._revise(kind, row, Revision.EMPTIED)
+            connection.many(statements.end, ended)
+            connection.many(statements.empty, emptied)
+        for kind, cancels in changes.cancels.items():
+            cancelled, unscheduled = [], []
+            for row in cancels:
+                assert row.recorded_time is not None
+                cancelled.append((row.initial_time, number, EMPTY_LEVEL, kb, row.recorded_tx, row.seq))
+                unscheduled.append((now, node(row.recorded_time, now), kb, row.recorded_tx, row.seq))
+                self._revise(kind, row, Revision.CANCELLED)
+            connection.many(for_kind[kind].cancel, cancelled)
+            connection.many(queries.cancel_schedule, unscheduled)
+        for kind, settles in changes.settles.items():
+            settled = []
+            for row, end in settles:
+                settled.append((end, level(row.initial_time, end), kb, row.recorded_tx, row.seq))
+                self._revise(kind, row, Revision.SETTLED)
+            connection.many(for_kind[kind].settle, settled)
+        connection.many(queries.settle_rate, [(rate, kb, row.recorded_tx, row.seq) for row, rate in changes.rates])
+
+    def _add_assertions(self, changes: RowChanges) -> None:
+        kb, number, now = self._kb, self._number, self._now
+        seq = 0
+        for kind, added in changes.adds.items():
+            rows = []
+            for timeline, start, end, value in added:
+                rows.append((kb, seq, number, timeline.id, start, end, level(start, end), *value))
+                if start > now:
+                    self._schedules.append(
+                        (kb, seq, number, timeline.id, now, start, start, node(now, start), int(kind), False)
+                    )
+                seq += 1
+            self._connection.many(for_kind[kind].add, rows)
+
+    def _revise(self, kind: KnowledgeType, row: StoredAssertion, what: Revision) -> None:
+        key = (self._kb, row.seq, self._number, row.recorded_tx)
+        self._revisions.append((*key, row.end_time, int(kind), int(what)))
+
+    # -- the rest ---------------------------------------------------------------------------------------------
+
+    def _add_timelines(self, changes: RowChanges) -> None:
+        """New timelines, numbered on from the last, and what they mention."""
+        for id, timeline in enumerate(changes.timelines, self._head.timeline + 1):
+            timeline.id = id
+        self._connection.many(queries.add_timeline, [_timeline_row(self._kb, new) for new in changes.timelines])
+        # in the order of their index, which is built in half the time
+        mentions = sorted((about.id, timeline.id) for about, timeline in changes.mentions)
+        self._connection.many(queries.add_mention, [(self._kb, about, timeline) for about, timeline in mentions])
+
+    def _write_runs(self, changes: RowChanges) -> None:
+        connection, kb = self._connection, self._kb
+        connection.many(queries.add_run, [self._run_row(run) for run in changes.runs])
+        rates = ((kb, run.number, timeline.id, rate) for run in changes.runs for timeline, rate in run.rates)
+        connection.many(queries.add_run_rate, list(rates))
+        ended = [
+            (self._now, self._number, node(started, self._now), outcome, kb, run)
+            for run, started, outcome in changes.ended_runs
+        ]
+        connection.many(queries.end_run, ended)
+
+    def _run_row(self, run: RunRow) -> Sequence[Any]:
+        remembered = "\n".join(sorted(run.remembered)) or None
+        seconds = run.duration / SECOND
+        return (
+            *(self._kb, run.number, self._number, run.started, run.duration, OPEN, seconds, None, None),
+            *(run.operator, " ".join(run.arguments), None, remembered, None),
+        )
+
+
+def put_head(connection: StoreConnection, kb: int, head: Head) -> None:
+    """Say where the record of a knowledge base stands."""
+    connection.run(queries.put_head, {"kb": kb, **dict(zip(HEAD_COLUMNS, head, strict=True))})
+
+
+def _timeline_row(kb: int, timeline: Timeline) -> tuple[Any, ...]:
+    stored = stored_key(timeline.key)
+    spelling = None if timeline.spelling == stored else timeline.spelling
+    return kb, int(timeline.role), int(timeline.kind), timeline.id, stored, spelling

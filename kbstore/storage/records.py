@@ -1,0 +1,162 @@
+"""What the repository reads and writes: rows of the store, as plain values."""
+
+from collections import defaultdict
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+from kbstore.messages import KnowledgeType
+from kbstore.model.timelines import EndCause, Timeline, Value
+
+StateRow = tuple[Timeline, int, Value]
+"""An assertion that holds, or is scheduled: its timeline, since when (or from when), and its value."""
+
+
+class Head(NamedTuple):
+    """The row of a knowledge base that a writer locks: where its record stands.
+
+    Attributes:
+        token: the random number of the last transaction.
+        late: the last transaction that recorded late knowledge; 0 if there is none.
+        timeline: the number of the last timeline.
+        present: which kinds of rows there are, one bit for each knowledge type, and one for schedules.
+        source: the store that this one follows; None where this one is written to.
+    """
+
+    number: int
+    time: int
+    token: int
+    late: int
+    timeline: int
+    last_run: int
+    domain_version: int
+    history_from: int
+    present: int
+    source: str | None
+
+
+class LogPosition(NamedTuple):
+    """A position in the record: a time, or exactly after a transaction (`number`) of that time.
+
+    `latest` is the last transaction of that time.
+    """
+
+    time: int
+    number: int | None = None
+    latest: int | None = None
+
+
+class StoredAssertion(NamedTuple):
+    """A stored assertion as a writer needs it. The first two are its key; `recorded_time` is for what lies ahead."""
+
+    recorded_tx: int
+    seq: int
+    initial_time: int
+    end_time: int
+    recorded_time: int | None
+    value: Value
+
+
+class StoredPoint(NamedTuple):
+    """What holds on one timeline at a time, and the head as it was then; `value` is None where nothing holds."""
+
+    head: Head
+    initial_time: int
+    end_time: int
+    value: Value | None
+
+
+class RecordedAssertion(NamedTuple):
+    """A stored assertion as history needs it.
+
+    Attributes:
+        told: of a part that late knowledge left of another assertion, the transaction that first recorded it.
+    """
+
+    timeline: Timeline
+    initial_time: int
+    end_time: int
+    recorded: int
+    ended: int | None
+    cancelled: int | None
+    superseded: int | None
+    told: int | None
+    cause: int | None
+    value: Value
+
+
+class TransactionRows(NamedTuple):
+    """The assertions that some transactions recorded, ended, cancelled and superseded."""
+
+    recorded: list[RecordedAssertion]
+    ended: list[RecordedAssertion]
+    cancelled: list[RecordedAssertion]
+    superseded: list[RecordedAssertion]
+
+
+class RunRow(NamedTuple):
+    """A stored run of a durative action, with what it adds to which function's rate, and remembers of its start."""
+
+    number: int
+    operator: str
+    arguments: tuple[str, ...]
+    started: int
+    duration: int
+    rates: tuple[tuple[Timeline, float], ...]
+    remembered: frozenset[str]
+
+
+class DomainRow(NamedTuple):
+    """A version of the domain: its name, its PDDL text, and what is sensed as JSON."""
+
+    name: str
+    source: str
+    sensed: str
+
+
+class SymbolRow(NamedTuple):
+    """The shape of a symbol in a knowledge base without a domain (rule D2)."""
+
+    knowledge_type: int
+    key: str
+    name: str
+    arity: int
+    labels: str
+
+
+def _by_kind() -> Any:
+    return defaultdict(list)
+
+
+@dataclass
+class RowChanges:
+    """What a transaction changes in the store.
+
+    Attributes:
+        timelines: those that are new; they get their numbers when they are stored.
+        mentions: which timeline of an object is mentioned by which timeline.
+        ends: what ends now, and why.
+        cancels: what was scheduled and will not take effect.
+        settles: what gets another end that lies ahead.
+        rates: scheduled values of functions whose rates change by what runs.
+        adds: new assertions, each with its timeline, when it begins and ends, and its value.
+        runs: those that start now.
+        ended_runs: those that end now: number, start and outcome ("ended" or "aborted").
+        domain: a new version of the domain.
+        symbols: new shapes of symbols.
+        last_run: the number of the last run that was started.
+        changes: how many changes the transaction is said to have.
+    """
+
+    timelines: list[Timeline] = field(default_factory=list)
+    mentions: list[tuple[Timeline, Timeline]] = field(default_factory=list)
+    ends: dict[KnowledgeType, list[tuple[StoredAssertion, EndCause]]] = field(default_factory=_by_kind)
+    cancels: dict[KnowledgeType, list[StoredAssertion]] = field(default_factory=_by_kind)
+    settles: dict[KnowledgeType, list[tuple[StoredAssertion, int]]] = field(default_factory=_by_kind)
+    rates: list[tuple[StoredAssertion, float]] = field(default_factory=list)
+    adds: dict[KnowledgeType, list[tuple[Timeline, int, int, Value]]] = field(default_factory=_by_kind)
+    runs: list[RunRow] = field(default_factory=list)
+    ended_runs: list[tuple[int, int, str]] = field(default_factory=list)
+    domain: DomainRow | None = None
+    symbols: list[SymbolRow] = field(default_factory=list)
+    last_run: int = 0
+    changes: int = 0
