@@ -3,6 +3,8 @@
 `tests/benchmarks` compares the rows with those of the same history told through the public methods.
 """
 
+import itertools
+import random
 import sqlite3
 from array import array
 from collections.abc import Iterable, Iterator
@@ -25,15 +27,16 @@ class _Rows:
 
     def __init__(self) -> None:
         self.timeline, self.start, self.end = array("q"), array("q"), array("q")
-        self.recorded, self.ended = array("q"), array("q")
+        self.recorded, self.seq, self.ended = array("q"), array("q"), array("q")
         self.negative, self.cause = array("b"), array("b")
 
-    def begin(self, timeline: int, start: int, number: int, negative: bool) -> int:
+    def begin(self, timeline: int, start: int, key: tuple[int, int], negative: bool) -> int:
         """Append an assertion; its index."""
         self.timeline.append(timeline)
         self.start.append(start)
         self.end.append(OPEN)
-        self.recorded.append(number)
+        self.recorded.append(key[0])
+        self.seq.append(key[1])
         self.ended.append(0)
         self.negative.append(negative)
         self.cause.append(0)
@@ -48,23 +51,32 @@ class _Rows:
     def tuples(self, kb: int) -> Iterator[tuple[Any, ...]]:
         """As they are stored."""
         columns = zip(
-            self.timeline, self.start, self.end, self.negative, self.recorded, self.ended, self.cause, strict=True
+            self.recorded,
+            self.seq,
+            self.timeline,
+            self.start,
+            self.end,
+            self.negative,
+            self.ended,
+            self.cause,
+            strict=True,
         )
-        for timeline, start, end, negative, recorded, ended, cause in columns:
+        for recorded, seq, timeline, start, end, negative, ended, cause in columns:
             yield (
                 kb,
+                recorded,
+                seq,
                 timeline,
                 start,
                 end,
                 negative,
-                recorded,
                 ended or None,
                 cause or None,
                 level(start, end),
             )
 
 
-_COLUMNS = "kb_id, timeline_id, initial_time, end_time, is_negative, recorded_tx, ended_tx, end_cause, level"
+_COLUMNS = "kb_id, recorded_tx, seq, timeline_id, initial_time, end_time, is_negative, ended_tx, end_cause, level"
 
 
 def fill(history: History, path: Path, name: str = "bench") -> None:
@@ -87,14 +99,15 @@ def _write(connection: sqlite3.Connection, history: History, name: str, number: 
     instances, facts = _Rows(), _Rows()
     timelines: list[tuple[int, int, int, int, str]] = []
     mentions: list[tuple[int, int, int]] = []
-    transactions: list[tuple[int, int, int, int]] = []
+    transactions: list[tuple[int, int, int, int, int, int]] = []
     ids: dict[str, int] = {}
     standing: dict[str, int] = {}
     speaking: dict[str, list[str]] = {}
-    time = START
+    time, token = START, 0
     for time, gone, come, said in history.steps():
         number += 1
         changes = len(come) + len(said)
+        seq = itertools.count()
         for name_gone in gone:
             keys = speaking.pop(name_gone)
             instances.finish(standing.pop(name_gone), time, number, EndCause.REMOVED)
@@ -108,7 +121,7 @@ def _write(connection: sqlite3.Connection, history: History, name: str, number: 
             ids[name_come] = last_id
             speaking[name_come] = []
             timelines.append((last_id, kb, Role.STATE, KnowledgeType.INSTANCE, name_come))
-            standing[name_come] = instances.begin(last_id, time, number, False)
+            standing[name_come] = instances.begin(last_id, time, (number, next(seq)), False)
         for key, negative in said:
             timeline = ids.get(key)
             if timeline is None:
@@ -120,20 +133,25 @@ def _write(connection: sqlite3.Connection, history: History, name: str, number: 
                     speaking[mentioned].append(key)
             else:
                 facts.finish(standing[key], time, number, EndCause.REPLACED)
-            standing[key] = facts.begin(timeline, time, number, negative)
-        transactions.append((kb, number, time, changes))
+            standing[key] = facts.begin(timeline, time, (number, next(seq)), negative)
+        token = random.getrandbits(62)
+        transactions.append((kb, number, time, changes, token, last_id))
     _insert(connection, "timelines (id, kb_id, role, knowledge_type, key)", 5, timelines)
     _insert(connection, "mentions (kb_id, object_id, timeline_id)", 3, mentions)
     _insert(
         connection,
-        "transactions (client, note, kb_id, number, recorded_time, changes)",
-        6,
+        "transactions (client, note, kb_id, number, recorded_time, changes, token, last_timeline)",
+        8,
         (("", "", *transaction) for transaction in transactions),
     )
     typed = ((*row, history.type_name) for row in instances.tuples(kb))
-    _insert(connection, f"instances ({_COLUMNS}, instance_type)", 10, typed)
-    _insert(connection, f"facts ({_COLUMNS})", 9, facts.tuples(kb))
-    connection.execute("UPDATE knowledge_bases SET last_number = ?, last_time = ? WHERE id = ?", (number, time, kb))
+    _insert(connection, f"instances ({_COLUMNS}, instance_type)", 11, typed)
+    _insert(connection, f"facts ({_COLUMNS})", 10, facts.tuples(kb))
+    connection.execute(
+        "UPDATE heads SET last_number = ?, last_time = ?, last_token = ?, last_timeline = ?, present = ?"
+        " WHERE kb_id = ?",
+        (number, time, token, last_id, 1 << KnowledgeType.INSTANCE | 1 << KnowledgeType.FACT, kb),
+    )
 
 
 def _insert(connection: sqlite3.Connection, target: str, columns: int, rows: Iterable[tuple[Any, ...]]) -> None:

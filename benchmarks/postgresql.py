@@ -25,7 +25,7 @@ from benchmarks.report import Missing, Result
 from benchmarks.settings import Settings
 from kbstore import ManualClock, State
 from kbstore.clock import OPEN
-from kbstore.storage.interval_tree import level
+from kbstore.storage.interval_tree import OPEN_LEVEL, level
 from kbstore.transfer.interchange import export_knowledge_base, import_knowledge_base
 
 _CONTENT = ("timelines", "mentions", "transactions", "instances", "facts")
@@ -171,7 +171,7 @@ def _single(
     settings: Settings, raw: "psycopg.Connection[Any]", kb: kbstore.KnowledgeBase, clock: ManualClock
 ) -> Result:
     """Each writes to a knowledge base of its own, the raw side to a copy of the rows."""
-    for table in (*_CONTENT, "knowledge_bases"):
+    for table in (*_CONTENT, "heads"):
         raw.execute(sql.SQL("CREATE SCHEMA IF NOT EXISTS beside"))
         name = sql.Identifier(table)
         raw.execute(sql.SQL("CREATE TABLE beside.{} (LIKE public.{} INCLUDING ALL)").format(name, name))
@@ -194,14 +194,15 @@ def _single(
 
 def _flips(raw: "psycopg.Connection[Any]", t: int) -> Callable[[], None]:
     rows = {
-        timeline: (row, start, is_negative)
-        for timeline, row, start, is_negative in raw.execute(
-            "SELECT timeline_id, id, initial_time, is_negative FROM beside.facts WHERE end_time = %s", (OPEN,)
+        timeline: tuple(row)
+        for timeline, *row in raw.execute(
+            "SELECT timeline_id, recorded_tx, seq, initial_time, is_negative FROM beside.facts WHERE end_time = %s",
+            (OPEN,),
         )
     }
-    head = raw.execute("SELECT id, last_number FROM beside.knowledge_bases").fetchone()
+    head = raw.execute("SELECT kb_id, last_number, last_timeline FROM beside.heads").fetchone()
     assert head is not None
-    kb, number = head
+    kb, number, last = head
     choice = random.Random(1)
     timelines = list(rows)
 
@@ -210,23 +211,29 @@ def _flips(raw: "psycopg.Connection[Any]", t: int) -> Callable[[], None]:
         t += 1000
         number += 1
         timeline = choice.choice(timelines)
-        row, start, is_negative = rows[timeline]
+        recorded, seq, start, is_negative = rows[timeline]
         with raw.transaction():
             raw.execute(
-                "UPDATE beside.facts SET end_time = %s, level = %s, ended_tx = %s, end_cause = 2 WHERE id = %s",
-                (t, level(start, t), number, row),
+                "UPDATE beside.facts SET end_time = %s, level = %s, ended_tx = %s, end_cause = 2"
+                " WHERE kb_id = %s AND recorded_tx = %s AND seq = %s",
+                (t, level(start, t), number, kb, recorded, seq),
             )
-            added = raw.execute(
-                "INSERT INTO beside.facts (kb_id, timeline_id, initial_time, end_time, is_negative, recorded_tx)"
-                " VALUES (%s, %s, %s, %s, %s, %s) RETURNING id",
-                (kb, timeline, t, OPEN, not is_negative, number),
-            ).fetchone()
-            raw.execute("INSERT INTO beside.transactions VALUES (%s, %s, %s, 1, '', '')", (kb, number, t))
             raw.execute(
-                "UPDATE beside.knowledge_bases SET last_number = %s, last_time = %s WHERE id = %s", (number, t, kb)
+                "INSERT INTO beside.facts"
+                " (kb_id, seq, recorded_tx, timeline_id, initial_time, end_time, level, is_negative)"
+                " VALUES (%s, 0, %s, %s, %s, %s, %s, %s)",
+                (kb, number, timeline, t, OPEN, OPEN_LEVEL, not is_negative),
             )
-        assert added is not None
-        rows[timeline] = (added[0], t, not is_negative)
+            token = random.getrandbits(62)
+            raw.execute(
+                "INSERT INTO beside.transactions VALUES (%s, 1, %s, %s, %s, %s, NULL, '', '')",
+                (kb, number, t, token, last),
+            )
+            raw.execute(
+                "UPDATE beside.heads SET last_number = %s, last_time = %s, last_token = %s WHERE kb_id = %s",
+                (number, t, token, kb),
+            )
+        rows[timeline] = (number, 0, t, not is_negative)
 
     return flip
 
@@ -240,7 +247,10 @@ def _bulk(settings: Settings, raw: "psycopg.Connection[Any]", url: sa.URL) -> Re
         kb.load(DOMAIN)
         kb.add(*(f"{place} - place" for place in places))
         ours = once(lambda: kb.add(*items), WALL)
-    row = raw.execute("SELECT id, last_number FROM public.knowledge_bases WHERE name = 'bulk'").fetchone()
+    row = raw.execute(
+        "SELECT kb_id, last_number FROM public.heads WHERE kb_id IN"
+        " (SELECT id FROM public.knowledge_bases WHERE name = 'bulk')"
+    ).fetchone()
     assert row is not None
     rows: dict[str, list[Any]] = {
         "facts": raw.execute("SELECT * FROM public.facts WHERE kb_id = %s", row[:1]).fetchall(),

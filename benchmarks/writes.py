@@ -14,7 +14,7 @@ from benchmarks.report import Result
 from benchmarks.settings import Settings
 from kbstore import ManualClock, UpdateType
 from kbstore.clock import OPEN
-from kbstore.storage.interval_tree import level
+from kbstore.storage.interval_tree import OPEN_LEVEL, level
 
 _CONTENT = ("timelines", "mentions", "transactions", "instances", "facts")
 
@@ -39,9 +39,9 @@ class RawFlips:
     def __init__(self, path: Path, t: int) -> None:
         self._connection = raw.connect(path)
         self._t = t
-        self._number = self._connection.execute("SELECT last_number FROM knowledge_bases").fetchone()[0]
+        self._number, self._last = self._connection.execute("SELECT last_number, last_timeline FROM heads").fetchone()
         rows = self._connection.execute(
-            "SELECT timeline_id, id, initial_time, is_negative FROM facts WHERE end_time = ?", (OPEN,)
+            "SELECT timeline_id, recorded_tx, seq, initial_time, is_negative FROM facts WHERE end_time = ?", (OPEN,)
         )
         self._rows = {timeline: tuple(row) for timeline, *row in rows}
         self._choice = random.Random(1)
@@ -52,22 +52,30 @@ class RawFlips:
         self._t += 1000
         self._number += 1
         timeline = self._choice.choice(self._timelines)
-        row, start, is_negative = self._rows[timeline]
+        recorded, seq, start, is_negative = self._rows[timeline]
         execute = self._connection.execute
         execute("BEGIN IMMEDIATE")
         execute(
-            "UPDATE facts SET end_time = ?, level = ?, ended_tx = ?, end_cause = 2 WHERE id = ?",
-            (self._t, level(start, self._t), self._number, row),
+            "UPDATE facts SET end_time = ?, level = ?, ended_tx = ?, end_cause = 2"
+            " WHERE kb_id = 1 AND recorded_tx = ? AND seq = ?",
+            (self._t, level(start, self._t), self._number, recorded, seq),
         )
-        added = execute(
-            "INSERT INTO facts (kb_id, timeline_id, initial_time, end_time, is_negative, recorded_tx)"
-            " VALUES (1, ?, ?, ?, ?, ?)",
-            (timeline, self._t, OPEN, not is_negative, self._number),
-        ).lastrowid
-        execute("INSERT INTO transactions VALUES (1, ?, ?, 1, '', '')", (self._number, self._t))
-        execute("UPDATE knowledge_bases SET last_number = ?, last_time = ? WHERE id = 1", (self._number, self._t))
+        execute(
+            "INSERT INTO facts (kb_id, seq, recorded_tx, timeline_id, initial_time, end_time, level, is_negative)"
+            " VALUES (1, 0, ?, ?, ?, ?, ?, ?)",
+            (self._number, timeline, self._t, OPEN, OPEN_LEVEL, not is_negative),
+        )
+        token = random.getrandbits(62)
+        execute(
+            "INSERT INTO transactions VALUES (1, 1, ?, ?, ?, ?, NULL, '', '')",
+            (self._number, self._t, token, self._last),
+        )
+        execute(
+            "UPDATE heads SET last_number = ?, last_time = ?, last_token = ? WHERE kb_id = 1",
+            (self._number, self._t, token),
+        )
         execute("COMMIT")
-        self._rows[timeline] = (added, self._t, not is_negative)
+        self._rows[timeline] = (self._number, 0, self._t, not is_negative)
 
 
 def _single(settings: Settings) -> Iterator[Result]:

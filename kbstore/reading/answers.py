@@ -80,7 +80,8 @@ class Answers:
                 # text may be relative to now, which the resolver knows
                 prepared = form.prepared.get((self._domains.latest.domain, name))
                 if prepared is not None and prepared.key is not None:
-                    found = self._from_timeline(connection, prepared, at, look_ahead=answers is not None)
+                    repository = Repository(connection, self._reader.kb, self._reader.cache)
+                    found = self._from_timeline(repository, prepared, at, look_ahead=answers is not None)
             if found is None:
                 found = self._from_state(form, question, at, as_of)
             since, until, answer = found

@@ -58,9 +58,9 @@ class Reader:
         self._explainer = explainer
 
     @contextmanager
-    def repository(self, *, writing: bool = False) -> Iterator[Repository]:
-        """The knowledge base on one snapshot of the store, or in a write transaction."""
-        with self.database.begin() if writing else self.database.read() as connection:
+    def repository(self) -> Iterator[Repository]:
+        """The knowledge base on one snapshot of the store."""
+        with self.database.read() as connection:
             yield Repository(connection, self.kb, self.cache)
 
     def symbol_table(self, repository: Repository, head: Head, position: LogPosition) -> SymbolTable:

@@ -72,7 +72,8 @@ class OpenTransaction:
     def __enter__(self) -> Self:
         with ExitStack() as contexts:
             contexts.enter_context(self._guard())
-            self._begin(contexts.enter_context(self._reader.repository(writing=True)))
+            connection = contexts.enter_context(self._reader.database.begin())
+            self._begin(Repository(connection, self._reader.kb, self._reader.cache))
             self._contexts = contexts.pop_all()
         self._is_open = True
         return self
