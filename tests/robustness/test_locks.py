@@ -70,7 +70,7 @@ def test_opening_waits_too(tmp_path):
         assert holder.execute("PRAGMA journal_mode = DELETE").fetchone() == ("delete",)
         # SQLite does not wait for a reader to change the mode, and kbstore does
         holder.execute("BEGIN")
-        holder.execute("SELECT * FROM knowledge_bases").fetchall()
+        holder.execute("SELECT * FROM heads").fetchall()
         with pytest.raises(StoreUnavailable, match="locked"):
             kbstore.open(path, busy_timeout=0.2)
         threading.Timer(0.3, lambda: holder.execute("COMMIT")).start()
@@ -84,10 +84,10 @@ def test_a_reader_keeps_nobody_waiting(path):
         kb.add("(raining)")
         with closing(sqlite3.connect(path, isolation_level=None)) as reader:
             reader.execute("BEGIN")
-            assert reader.execute("SELECT last_number FROM knowledge_bases").fetchone() == (1,)
+            assert reader.execute("SELECT last_number FROM heads").fetchone() == (1,)
             for number in range(5):
                 kb.add(f"(open door{number})")
-            assert reader.execute("SELECT last_number FROM knowledge_bases").fetchone() == (1,)
+            assert reader.execute("SELECT last_number FROM heads").fetchone() == (1,)
 
 
 def test_writers_of_one_knowledge_base_on_postgresql(postgresql_url, name):
@@ -204,7 +204,7 @@ def test_a_connection_that_is_lost_at_the_end(postgresql_url, name, cut):
         with kb.transaction() as transaction:
             transaction.add("(open hall)")
             if at_commit:
-                session = transaction._session
+                session = transaction._repository._connection
                 execute = session._execute
 
                 def committing(text, *parameters):
