@@ -1,14 +1,17 @@
 """Questions about one time: ``state``, ``holds``, ``value``, ``explain``, ``applicable``."""
 
+import re
 from typing import Annotated
 
 import typer
 
 from kbstore.cli.options import AsOf, At, Json, Kb, Now, Url, asked, at_time
 from kbstore.cli.output import answer
+from kbstore.errors import InvalidKnowledge
 from kbstore.messages import Truth, format_number
 from kbstore.model.plain import times
 from kbstore.report import records, states
+from kbstore.report.selection import Part, select
 from kbstore.report.time_format import TimeFormat
 
 EXIT_CODES = {Truth.TRUE: 0, Truth.FALSE: 1, Truth.UNKNOWN: 3}
@@ -20,7 +23,28 @@ Condition = Annotated[
 
 
 def state(
-    at: At = None, as_of: AsOf = None, url: Url = None, kb: Kb = None, now: Now = None, as_json: Json = False
+    patterns: Annotated[
+        list[str] | None,
+        typer.Argument(
+            help="Show what matches these facts, functions or objects; ? matches any object.",
+            metavar="[PATTERN]...",
+            show_default=False,
+        ),
+    ] = None,
+    about: Annotated[
+        list[str] | None,
+        typer.Option("--about", metavar="OBJECT", help="Show what refers to this object. Repeatable."),
+    ] = None,
+    only: Annotated[list[Part] | None, typer.Option("--only", help="Show this part. Repeatable.")] = None,
+    everything: Annotated[
+        bool, typer.Option("--all", help="Show also the many facts and numbers that no action changes.")
+    ] = False,
+    at: At = None,
+    as_of: AsOf = None,
+    url: Url = None,
+    kb: Kb = None,
+    now: Now = None,
+    as_json: Json = False,
 ) -> None:
     """Show everything that holds at a time: past, now, or expected.
 
@@ -28,17 +52,28 @@ def state(
 
     Examples:
         kbstore state
+        kbstore state "(robot_at ? ?)" "(battery ?)"
+        kbstore state --about kenny --only facts
         kbstore state --at 2026-05-04T09:02:00Z --kb kenny
         kbstore state --at +10m
         kbstore state --at now --as-of -5m --json
     """
     with asked(url, kb, now) as found:
-        shown = found.state(at_time(at, found), at_time(as_of, found))
+        asking = found.state(at_time(at, found), at_time(as_of, found))
+        shown = select(asking, _patterns(patterns), about or [], only or [], folding=not (everything or as_json))
         answer(
-            shown,
+            shown.to_dict(),
             as_json=as_json,
-            view=lambda: states.state_view(shown, TimeFormat(shown.at if at is None else found.now())),
+            view=lambda: states.state_view(shown, TimeFormat(asking.at if at is None else found.now())),
         )
+
+
+def _patterns(given: list[str] | None) -> list[str]:
+    """The patterns; a bare name, which is probably an object, is refused with advice."""
+    for pattern in given or []:
+        if re.fullmatch(r"[^\s()]+", pattern):
+            raise InvalidKnowledge(f"{pattern} is not a pattern: write ({pattern}), or --about {pattern} for an object")
+    return given or []
 
 
 def holds(

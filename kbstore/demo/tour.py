@@ -101,8 +101,8 @@ def past_state(kb: KnowledgeBase, t: int) -> RenderableType:
     return sections(
         states.facts(changing, moments),
         Text(f"{battery}; and {static} facts and numbers of the building, the same throughout", DIM),
-        states.scheduled(state, moments),
-        states.goals(state, moments),
+        states.scheduled(state.timed_knowledge, moments),
+        states.goals(state, state.goals, moments),
     )
 
 

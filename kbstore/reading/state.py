@@ -79,7 +79,8 @@ class State(Result):
         self.name = name
         self._pending = data.pending
         self._running = data.running
-        self._symbols = symbol_table
+        self.symbol_table = symbol_table
+        """What symbols mean at that time."""
         self._questions = questions
         self._answers: LRU[str, Truth] = LRU(STATE_ANSWERS if questions.caching else 0)
         self._mentions = mentions
@@ -91,7 +92,7 @@ class State(Result):
     @property
     def domain(self) -> MessageDomain | None:
         """The domain at that time."""
-        return cast("MessageDomain | None", self._symbols.domain)
+        return cast("MessageDomain | None", self.symbol_table.domain)
 
     @property
     def use_unknowns(self) -> bool:
@@ -184,7 +185,7 @@ class State(Result):
         known = self._answers.get(question) if type(question) is str else None
         if known is not None:
             return known
-        found = self._questions.condition(question, self._symbols).evaluate(self.snapshot)
+        found = self._questions.condition(question, self.symbol_table).evaluate(self.snapshot)
         if type(question) is str:
             self._answers.put(question, found)
         return found
@@ -198,7 +199,7 @@ class State(Result):
 
         Raises `UndefinedFunction` or `DivisionByZero` where it has none.
         """
-        return self._questions.expression(question, self._symbols).evaluate(self.snapshot)
+        return self._questions.expression(question, self.symbol_table).evaluate(self.snapshot)
 
     def explain(self, question: Question) -> "Explanation":
         """Why a fact or condition is true, false or unknown, and the transaction that made it so."""
@@ -207,7 +208,7 @@ class State(Result):
     def query(self, *items: Question) -> QueryResult:
         """The original's query: whether each item is true; unknown counts as not true."""
         results = [self.holds(item) for item in items]
-        false = [_asked(item, self._symbols) for item, result in zip(items, results, strict=True) if not result]
+        false = [_asked(item, self.symbol_table) for item, result in zip(items, results, strict=True) if not result]
         return QueryResult(all(results), results, false)
 
     # -- planning ---------------------------------------------------------------------------------------------

@@ -1,37 +1,51 @@
-"""A state, for reading: what exists, what is said, what is scheduled, what runs, what is wanted."""
+"""A state as tables for people: objects, facts, numbers, runs, schedule, goals."""
 
 from collections import defaultdict
+from collections.abc import Sequence
 from dataclasses import replace
 
 from rich.console import RenderableType
 from rich.text import Text
 
-from kbstore.messages import Condition, Fact, KnowledgeItem, Truth, format_number
+from kbstore.messages import (
+    Condition,
+    Fact,
+    Function,
+    Goal,
+    Inequality,
+    Instance,
+    KnowledgeItem,
+    Truth,
+    format_number,
+)
 from kbstore.model.results import Run
 from kbstore.names import key
 from kbstore.reading.state import State
+from kbstore.report.selection import Selection
 from kbstore.report.tables import DIM, FALSE, NUMBER, SCHEDULED, sections, table
 from kbstore.report.time_format import TimeFormat, span
 
 
-def state_view(state: State, moments: TimeFormat) -> RenderableType:
-    """All of a state, in sections; those that would be empty are left out. What is "ago" is so as of its time."""
+def state_view(shown: Selection, moments: TimeFormat) -> RenderableType:
+    """What is selected of a state, in sections without the empty ones. "Ago" is relative to the time of the state."""
+    state = shown.state
     moments, asked = replace(moments, now=state.at), moments
-    return sections(
-        heading(state, asked),
-        objects(state),
-        facts(state.facts, moments),
-        numbers(state, moments),
-        running(state.running, moments, state.at),
-        scheduled(state, moments),
-        statements(state, moments),
-        goals(state, moments),
-        Text(f"Metric: {state.metric}") if state.metric else None,
+    found = (
+        objects(shown.instances),
+        facts(shown.facts, moments),
+        numbers(shown.functions, moments),
+        folded(shown),
+        running(shown.running, moments, state.at),
+        scheduled(shown.timed_knowledge, moments),
+        statements(shown.inequalities, moments),
+        goals(state, shown.goals, moments),
+        Text(f"Metric: {shown.metric}") if shown.metric else None,
     )
+    return sections(heading(state, asked), *found, None if any(found) else Text("nothing", DIM))
 
 
 def heading(state: State, moments: TimeFormat) -> RenderableType:
-    """Whose state, at what time, and as believed when."""
+    """The knowledge base, the time, and the time of the belief."""
     text = Text(state.name, "bold")
     text.append(f" at {moments.absolute(state.at)}", "not bold")
     if state.at != moments.now:
@@ -41,17 +55,17 @@ def heading(state: State, moments: TimeFormat) -> RenderableType:
     return text
 
 
-def objects(state: State) -> RenderableType | None:
-    """The objects by their types."""
+def objects(found: Sequence[Instance]) -> RenderableType | None:
+    """The objects by type."""
     by_type: dict[str, list[str]] = defaultdict(list)
-    for instance in state.instances:
+    for instance in found:
         by_type[instance.instance_type].append(instance.instance_name)
     rows = [(type_name, " ".join(names)) for type_name, names in by_type.items()]
     return table("Objects", ("type", "names"), rows) if rows else None
 
 
-def facts(found: list[Fact], moments: TimeFormat) -> RenderableType | None:
-    """Facts of both signs by predicate, with since when they stand."""
+def facts(found: Sequence[Fact], moments: TimeFormat) -> RenderableType | None:
+    """Facts of both signs by predicate, with since when they hold."""
     rows = [
         (
             Text(str(fact), FALSE if fact.is_negative else ""),
@@ -63,8 +77,8 @@ def facts(found: list[Fact], moments: TimeFormat) -> RenderableType | None:
     return table("Facts", ("fact", "since", ""), rows) if rows else None
 
 
-def numbers(state: State, moments: TimeFormat) -> RenderableType | None:
-    """The numeric functions with their values at the time, and how fast they change."""
+def numbers(found: Sequence[Function], moments: TimeFormat) -> RenderableType | None:
+    """The numeric functions with their values, and how fast they change."""
     rows = [
         (
             item.atom,
@@ -73,43 +87,51 @@ def numbers(state: State, moments: TimeFormat) -> RenderableType | None:
             moments.absolute(item.initial_time),
             moments.relative(item.initial_time),
         )
-        for item in sorted(state.functions, key=lambda item: key(item.attribute_name))
+        for item in sorted(found, key=lambda item: key(item.attribute_name))
     ]
     return table("Numbers", ("function", ">value", "changes", "since", ""), rows) if rows else None
 
 
-def running(runs: list[Run], moments: TimeFormat, at: int) -> RenderableType | None:
-    """The actions that run, and when their ends are expected."""
+def folded(shown: Selection) -> RenderableType | None:
+    """How many facts and numbers are left out, by name."""
+    if not shown.folded:
+        return None
+    counts = ", ".join(f"{name} ({count:,})" for name, count in shown.folded)
+    return Text(f"Not shown, as no action changes them: {counts}; --all shows them", DIM)
+
+
+def running(runs: Sequence[Run], moments: TimeFormat, at: int) -> RenderableType | None:
+    """The running actions, and their expected ends."""
     rows = [
         (
             f"({' '.join((run.operator, *run.arguments))})",
             moments.absolute(run.started),
             f"{span(at - run.started)} of {span(run.duration)}",
-            moments.absolute(run.expected_end) + (" (late)" if run.expected_end <= at else ""),
+            moments.absolute(run.expected_end) + (" (overdue)" if run.expected_end <= at else ""),
         )
         for run in runs
     ]
     return table("Running", ("action", "started", "so far", "expected end"), rows) if rows else None
 
 
-def scheduled(state: State, moments: TimeFormat) -> RenderableType | None:
+def scheduled(found: Sequence[KnowledgeItem], moments: TimeFormat) -> RenderableType | None:
     """Timed-initial knowledge that takes effect after the time."""
     rows = [
         (Text(str(item), SCHEDULED), moments.absolute(item.initial_time), moments.relative(item.initial_time))
-        for item in state.timed_knowledge
+        for item in found
     ]
     return table("Scheduled", ("knowledge", "takes effect", ""), rows) if rows else None
 
 
-def statements(state: State, moments: TimeFormat) -> RenderableType | None:
+def statements(found: Sequence[Inequality], moments: TimeFormat) -> RenderableType | None:
     """Recorded inequalities."""
-    rows = [(str(item), moments.absolute(item.initial_time)) for item in state.inequalities]
+    rows = [(str(item), moments.absolute(item.initial_time)) for item in found]
     return table("Recorded inequalities", ("inequality", "since"), rows) if rows else None
 
 
-def goals(state: State, moments: TimeFormat) -> RenderableType | None:
-    """The parts of the goal, each with whether it is reached."""
-    rows = [(str(goal), reached(state, goal), moments.absolute(goal.initial_time)) for goal in state.goals]
+def goals(state: State, found: Sequence[Goal], moments: TimeFormat) -> RenderableType | None:
+    """Goals, and whether each is reached in the state."""
+    rows = [(str(goal), reached(state, goal), moments.absolute(goal.initial_time)) for goal in found]
     return table("Goals", ("goal", "reached", "wanted since"), rows) if rows else None
 
 

@@ -17,7 +17,9 @@ NESTED = "(not " * 20_000 + "(open lab_door)" + ")" * 20_000
     [
         (["nonsense"], "No such command 'nonsense'"),
         (["state", "--nonsense"], "No such option: --nonsense"),
-        (["state", "superfluous"], "unexpected extra argument"),
+        (["state", "kenny"], "write (kenny), or --about kenny for an object"),
+        (["state", "(flies ?)"], "flies"),
+        (["kbs", "superfluous"], "unexpected extra argument"),
         (["holds"], "Missing argument 'CONDITION'"),
         (["holds", "(open lab_door)", "--at"], "--at"),
         (["holds", "(open lab_door)", "--at", "yesterday"], "'yesterday' is not a time; write ISO 8601"),

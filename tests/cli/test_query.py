@@ -116,3 +116,50 @@ def test_explain_shows_the_numbers_that_were_compared(run):
     words = run("explain", "(> (battery kenny) 20)", "--at", "2026-05-04T09:04:40Z").words
     assert words[0].startswith("(> (battery kenny) 20) is true: by the values of its functions since")
     assert words[1].startswith("└── (= (battery kenny) 28) is true: asserted since 2026-05-04T09:04:10Z")
+
+
+def test_state_shows_what_matches_a_pattern(run):
+    """V7: any of several patterns; `?` matches any object. Nothing else is shown, in JSON neither."""
+    words = run("state", "(robot_at ? ?)", "(battery ?)", "linen - parcel", "--at", "2026-05-04T08:59:00Z").words
+    assert [line.split(" 2026")[0] for line in words[1:] if line.startswith(("(", "parcel", "Goals"))] == [
+        "parcel linen",
+        "(robot_at kenny office)",
+        "(battery kenny) 56",
+    ]
+    answer = run("state", "(not (open ?))", "--at", ALARM, "--json").json
+    assert [fact["pddl"] for fact in answer["facts"]] == ["(not (open lab_door))"]
+    assert [item["pddl"] for item in answer["timed_knowledge"]] == ["(not (open lab_door))"]
+    assert (answer["instances"], answer["goals"], answer["metric"]) == ([], [], None)
+
+
+def test_state_shows_what_refers_to_an_object(run):
+    """Facts, numbers, goals and runs, whatever the case of the name; of one that there is not, nothing."""
+    words = run("state", "--about", "LAB", "--at", "2026-05-04T09:00:50Z").words
+    assert "(pass_door kenny lab_door corridor lab)" in " ".join(words)
+    assert "(delivered blood lab) no 2026-05-04T08:58:00Z" in words
+    assert "(distance corridor lab) 20 2026-05-04T08:58:00Z 2 min 50 s ago" in words
+    assert "(docked kenny) no 2026-05-04T08:58:00Z" not in words
+    assert run("state", "--about", "nobody", "--at", ALARM).words[1:] == ["", "nothing"]
+
+
+def test_state_shows_some_parts(run):
+    """--only names a part, and may be repeated; with --about it is both."""
+    words = run("state", "--only", "goals", "--only", "metric", "--at", ALARM).words
+    assert [line for line in words if line in ("Objects", "Facts", "Numbers", "Scheduled", "Goals")] == ["Goals"]
+    assert "Metric: minimize (total-time)" in words
+    words = run("state", "--only", "facts", "--about", "blood", "--at", ALARM).words
+    assert words[-1] == "(carries kenny blood) 2026-05-04T08:58:44Z 3 min 16 s ago"
+    assert "Goals" not in words
+
+
+def test_state_folds_what_no_action_changes(run):
+    """Six paths and eight distances are counted; --all, a pattern or JSON has them."""
+    folded = "Not shown, as no action changes them: distance (8), path (6); --all shows them"
+    assert folded in run("state", "--at", ALARM).words
+    for shown in (
+        run("state", "--all", "--at", ALARM),
+        run("state", "(path ? ?)", "--at", ALARM),
+        run("state", "--json", "--at", ALARM),
+    ):
+        assert "(path home office)" in shown.out
+        assert "Not shown" not in shown.out
