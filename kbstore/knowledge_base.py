@@ -16,6 +16,7 @@ from kbstore.clock import Clock, DurationLike, ManualClock, SystemClock, TimeLik
 from kbstore.conversion import MessageDomain
 from kbstore.errors import Conflict, InvalidKnowledge, InvalidTime, StoreUnavailable, UnknownSymbol
 from kbstore.evaluation.intervals import Intervals
+from kbstore.interop.up_loading import PlanningProblem
 from kbstore.messages import Expression, Fact, Function, Goal, Instance, KnowledgeItem, Truth, UpdateType
 from kbstore.model.results import (
     Applicability,
@@ -286,7 +287,7 @@ class KnowledgeBase:
 
     def load(
         self,
-        domain: str | os.PathLike[str] | None,
+        domain: str | os.PathLike[str] | PlanningProblem | None,
         problem: str | os.PathLike[str] | None = None,
         *,
         replace: bool = False,
@@ -295,8 +296,8 @@ class KnowledgeBase:
     ) -> Transaction:
         """Load a PDDL domain, and a problem, from paths or text, in one transaction.
 
-        A problem adds to what stands; with `replace`, everything is cleared first. Its timed-initial knowledge is
-        relative to now.
+        A `unified_planning` Problem is loaded as both, in its own names (rule P7). A problem adds to what stands; with
+        `replace`, everything is cleared first. Its timed-initial knowledge is relative to now.
         """
         with self.transaction(client=client, note=note) as tx:
             tx.load(domain, problem, replace=replace)

@@ -10,6 +10,7 @@ from typing import Self, TypeVar
 from kbstore.clock import DurationLike, TimeLike, time
 from kbstore.errors import Conflict, InvalidKnowledge, KbStoreError
 from kbstore.evaluation.snapshot import Snapshot, StateRow
+from kbstore.interop.up_loading import PlanningProblem, sources
 from kbstore.messages import KnowledgeType, UpdateType
 from kbstore.messages.bulk import gc_paused
 from kbstore.model.domain import Domain
@@ -263,12 +264,15 @@ class OpenTransaction:
 
     def load(
         self,
-        domain: str | os.PathLike[str] | None = None,
+        domain: str | os.PathLike[str] | PlanningProblem | None = None,
         problem: str | os.PathLike[str] | None = None,
         *,
         replace: bool = False,
     ) -> None:
-        """Load a domain, and a problem: paths, or PDDL text. `replace` clears first (rules D4, P3)."""
+        """Load a domain, and a problem: paths, PDDL text, or a `unified_planning` Problem (rules D4, P3, P7).
+
+        `replace` clears first.
+        """
         self._open_handlers()
         self._is_whole = False
         with gc_paused():
@@ -276,8 +280,13 @@ class OpenTransaction:
         self._is_whole = True
 
     def _load(
-        self, domain: str | os.PathLike[str] | None, problem: str | os.PathLike[str] | None, *, replace: bool
+        self,
+        domain: str | os.PathLike[str] | PlanningProblem | None,
+        problem: str | os.PathLike[str] | None,
+        *,
+        replace: bool,
     ) -> None:
+        domain, problem = sources(domain, problem)
         loaded = self._symbols.domain if domain is None else read_domain(domain)
         read = None if problem is None else read_problem(problem, loaded)
         if read is not None and read.uncertain and not self._reader.use_unknowns:
