@@ -1,1 +1,1 @@
-"""Whether conditions hold and what expressions come to, at a moment and over a span; pure, without a database."""
+"""Evaluates conditions and expressions at one time and over a span, without a database."""

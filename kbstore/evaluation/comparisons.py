@@ -1,4 +1,4 @@
-"""Numeric comparisons, at a moment and over a span (rules V5 and Q4).
+"""Numeric comparisons, at one time and over a span (rules V5 and Q4).
 
 A comparison that reads an undefined function, divides by zero or overflows an IEEE double is unknown. One that reads
 a function with a rate is decided in exact rationals of the stored doubles, which do not overflow, so that the answer

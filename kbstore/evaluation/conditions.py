@@ -1,4 +1,4 @@
-"""Conditions at one moment: their truth, and what decides it.
+"""The truth of conditions at one time, and what decides it.
 
 `truth` and `deciding` answer single questions; several questions about one world share an `Evaluation`.
 """
@@ -24,7 +24,7 @@ def truth(
 
     Args:
         condition: nested at most `kbstore.evaluation.wellformed.MAX_DEPTH` levels.
-        world: what stands.
+        world: what holds.
         bindings: the object of each free variable; the others match any object, in atoms only.
         duration: the value of ``?duration``, in seconds.
 

@@ -1,6 +1,6 @@
-"""Derived predicates at one moment: the stratified least fixpoint of their rules (rule V9).
+"""Derived predicates at one time: the stratified least fixpoint of their rules (rule V9).
 
-Two fixpoints are reckoned for each stratum: what can be derived for certain, and what can be derived where unknown is
+Two fixpoints are computed for each stratum: what can be derived for certain, and what can be derived where unknown is
 read as true. Between them lies the unknown. They are reached semi-naively (F. Bancilhon, 1986): each round joins what
 is new with what was there; or, where fewer rows are missing than are new, it tests the missing ones.
 """
@@ -19,7 +19,7 @@ from kbstore.names import is_wildcard, key
 
 
 class Derived:
-    """The derived predicates of a world, reckoned when they are first asked for.
+    """The derived predicates of a world, computed when they are first asked for.
 
     Args:
         world: the world, which has a domain.

@@ -1,4 +1,4 @@
-"""The evaluation of conditions at one moment, in three-valued logic (rules V2 to V5, V7 to V9)."""
+"""Evaluates conditions at one time, in three-valued logic (rules V2 to V5, V7 to V9)."""
 
 from collections.abc import Collection, Iterator, Mapping
 from itertools import product

@@ -1,6 +1,6 @@
-"""What a formula is evaluated against: an interpretation at one moment, or the course of things over a span.
+"""What a formula is evaluated against: an interpretation at one time, or a trajectory over a span.
 
-All names that go in and come out are keys (`kbstore.names.key`). Both are protocols because what stands can come
+All names that go in and come out are keys (`kbstore.names.key`). Both are protocols because what holds can come
 from a state in memory, from single rows of the database, or from a state with the effects of an action on top.
 """
 
@@ -30,25 +30,25 @@ class Number:
 
 
 class Interpretation(Protocol):
-    """What stands at one moment."""
+    """What holds at one time."""
 
     @property
     def time(self) -> int:
-        """The moment, in nanoseconds."""
+        """The time, in nanoseconds."""
 
     @property
     def domain(self) -> Domain | None:
-        """The domain at that moment."""
+        """The domain at that time."""
 
     @property
     def use_unknowns(self) -> bool:
         """Whether absent reads as unknown (open world) instead of false (rule V2)."""
 
     def sign(self, name: str, arguments: Arguments) -> bool | None:
-        """True where the fact is asserted, False where it is explicitly false, None where nothing is said."""
+        """True where the fact is asserted, False where it is explicitly false, None where neither is."""
 
     def facts(self, name: str) -> Iterable[tuple[Arguments, bool]]:
-        """All facts of a predicate that are said, each with its sign."""
+        """The facts of a predicate, of both signs, each with its sign."""
 
     def number(self, name: str, arguments: Arguments) -> Number | None:
         """The value of a numeric function, None where it is undefined."""
@@ -61,7 +61,7 @@ class Interpretation(Protocol):
 
 
 class IndexedInterpretation(Interpretation, Protocol):
-    """What holds at one moment, in a store that finds facts by any of their objects."""
+    """What holds at one time, in a store that finds facts by any of their objects."""
 
     def matching(self, name: str, wanted: tuple[str | None, ...]) -> Iterable[tuple[Arguments, bool]]:
         """The facts of a predicate that have the given arguments, at least one of them, each with its sign."""
@@ -72,9 +72,9 @@ Span = tuple[int, int]
 
 
 class Trajectory(Protocol):
-    """What stands over a span of time, under one domain.
+    """What holds over a span of time, under one domain.
 
-    Pieces are in order of time, do not overlap, and are clipped to the span; where there is none, nothing stands.
+    Pieces are in order of time, do not overlap, and are clipped to the span; where there is none, nothing holds.
     """
 
     @property
@@ -90,10 +90,10 @@ class Trajectory(Protocol):
         """Whether absent reads as unknown."""
 
     def signs(self, name: str, arguments: Arguments) -> Sequence[tuple[int, int, bool]]:
-        """The pieces in which one fact is said, each with its sign."""
+        """The pieces in which one fact is asserted or denied, each with its sign."""
 
     def all_signs(self, name: str) -> Mapping[Arguments, Sequence[tuple[int, int, bool]]]:
-        """The pieces of every fact of a predicate that is said somewhere in the span."""
+        """The same for every fact of a predicate that is asserted or denied somewhere in the span."""
 
     def numbers(self, name: str, arguments: Arguments) -> Sequence[tuple[int, int, Number]]:
         """The pieces in which one numeric function is defined."""

@@ -1,4 +1,4 @@
-"""Which objects are worth trying for the variables of a quantifier or a rule: joins over what is known to stand.
+"""Which objects are worth trying for the variables of a quantifier or a rule: joins over the facts that are known.
 
 A quantified formula is evaluated by trying objects for its variables. Trying all of them takes too long where there
 are many; but an atom that must not be false for the formula to matter (a *guard*) narrows them down to its rows.

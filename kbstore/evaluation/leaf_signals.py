@@ -16,7 +16,7 @@ from kbstore.names import key
 
 
 class LeafSignals:
-    """The tracks of leaves over one course, with objects for their variables; names are keys.
+    """The signals of leaves over one trajectory, with objects for their variables; names are keys.
 
     `duration`, in seconds, is the value of ``?duration``.
     """
@@ -25,7 +25,7 @@ class LeafSignals:
         self._trajectory = trajectory
         self._span = trajectory.span
         self._duration = duration
-        self._said: dict[str, Relation] = {}
+        self._relations: dict[str, Relation] = {}
 
     def constant(self, truth: Truth) -> Signal:
         """One truth throughout the span."""
@@ -101,13 +101,13 @@ class LeafSignals:
         )
 
     def _matching(self, name: str, wanted: Pattern, sign: bool) -> Iterator[Signal]:
-        """Where each row that matches is said with a sign, and the objects that stand for wildcards exist."""
-        said = self._trajectory.all_signs(name)
-        if name not in self._said:
-            self._said[name] = Relation(said)
+        """Where each row that matches has a sign, and the objects in place of the wildcards exist."""
+        known = self._trajectory.all_signs(name)
+        if name not in self._relations:
+            self._relations[name] = Relation(known)
         ranges = self.wild_ranges(name, wanted)
-        for row in self._said[name].matching(wanted):
-            spans = [(start, end) for start, end, its_sign in said[row] if its_sign is sign]
+        for row in self._relations[name].matching(wanted):
+            spans = [(start, end) for start, end, its_sign in known[row] if its_sign is sign]
             if spans and self._trajectory.domain is None:
                 yield self._spans(spans)
             elif spans:
@@ -117,10 +117,10 @@ class LeafSignals:
     def _all_denied(self, denied: Sequence[Signal], ranges: Sequence[Types]) -> Signal:
         """True while as many rows are denied as there are combinations of objects for the wildcards."""
         groups = [denied, *([self.presence(name, types) for name in self.objects(types)] for types in ranges)]
-        steps: list[tuple[int, int, int]] = []  # time, group, change in how many of its tracks are true
+        steps: list[tuple[int, int, int]] = []  # time, group, change in how many of its signals are true
         for i, group in enumerate(groups):
-            for track in group:
-                for j, (t, truth) in enumerate(track):
+            for signal in group:
+                for j, (t, truth) in enumerate(signal):
                     if j or truth is Truth.TRUE:
                         steps.append((t, i, 1 if truth is Truth.TRUE else -1))
         steps.sort()

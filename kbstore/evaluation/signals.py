@@ -1,6 +1,6 @@
 """Truth over time: piecewise constant, combined by Kleene's logic in one sweep (rule V4).
 
-A track lists the times at which the truth changes, each with the truth from then on; the first is the start of the
+A signal lists the times at which the truth changes, each with the truth from then on; the first is the start of the
 span. Times rise strictly, and neighbours differ.
 """
 
@@ -14,65 +14,65 @@ Signal = list[tuple[int, Truth]]
 
 
 def painted(span: Span, pieces: Iterable[tuple[int, int, Truth]], background: Truth) -> Signal:
-    """The track of pieces that are in order and do not overlap; between them stands the background."""
-    track: Signal = []
+    """The signal of pieces that are in order and do not overlap; between them the background holds."""
+    signal: Signal = []
     now, last = span[0], None
     for start, end, truth in pieces:
         if start >= end:
             continue
         if start > now and last is not background:
-            track.append((now, background))
+            signal.append((now, background))
             last = background
         if last is not truth:
-            track.append((start, truth))
+            signal.append((start, truth))
             last = truth
         now = end
-    if (now < span[1] and last is not background) or not track:
-        track.append((now, background))
-    return track
+    if (now < span[1] and last is not background) or not signal:
+        signal.append((now, background))
+    return signal
 
 
-def inverted(track: Signal) -> Signal:
+def inverted(signal: Signal) -> Signal:
     """Negation at every time."""
-    return [(t, ~truth) for t, truth in track]
+    return [(t, ~truth) for t, truth in signal]
 
 
-def false_else_unknown(track: Signal) -> Signal:
-    """False where a track of two values is true, else unknown."""
-    return [(t, Truth.FALSE if truth is Truth.TRUE else Truth.UNKNOWN) for t, truth in track]
+def false_else_unknown(signal: Signal) -> Signal:
+    """False where a signal of two values is true, else unknown."""
+    return [(t, Truth.FALSE if truth is Truth.TRUE else Truth.UNKNOWN) for t, truth in signal]
 
 
-def conjunction(tracks: Sequence[Signal], start: int) -> Signal:
-    """Conjunction at every time: false where any track is, else unknown where any is, else true."""
-    return _swept(tracks, start, Truth.FALSE, Truth.TRUE)
+def conjunction(signals: Sequence[Signal], start: int) -> Signal:
+    """Conjunction at every time: false where any signal is, else unknown where any is, else true."""
+    return _swept(signals, start, Truth.FALSE, Truth.TRUE)
 
 
-def disjunction(tracks: Sequence[Signal], start: int) -> Signal:
-    """Disjunction at every time: true where any track is, else unknown where any is, else false."""
-    return _swept(tracks, start, Truth.TRUE, Truth.FALSE)
+def disjunction(signals: Sequence[Signal], start: int) -> Signal:
+    """Disjunction at every time: true where any signal is, else unknown where any is, else false."""
+    return _swept(signals, start, Truth.TRUE, Truth.FALSE)
 
 
-def changes(tracks: Iterable[Signal]) -> set[int]:
-    """The times at which any of the tracks changes."""
-    return {t for track in tracks for t, _ in track[1:]}
+def changes(signals: Iterable[Signal]) -> set[int]:
+    """The times at which any of the signals changes."""
+    return {t for signal in signals for t, _ in signal[1:]}
 
 
-def pieces(track: Signal, span: Span) -> list[tuple[int, int, Truth]]:
-    """The track as pieces that fill the span; none if the span is empty."""
+def pieces(signal: Signal, span: Span) -> list[tuple[int, int, Truth]]:
+    """The signal as pieces that fill the span; none if the span is empty."""
     if span[0] >= span[1]:
         return []
-    ends = [*track, (span[1], Truth.UNKNOWN)]
+    ends = [*signal, (span[1], Truth.UNKNOWN)]
     return [(start, end, truth) for (start, truth), (end, _) in pairwise(ends)]
 
 
-def _swept(tracks: Sequence[Signal], start: int, decisive: Truth, neutral: Truth) -> Signal:
-    """At every time: `decisive` if any track is, else unknown if any is, else `neutral`."""
-    if len(tracks) == 1:
-        return tracks[0]
-    steps: list[tuple[int, int, int]] = []  # time, change in the number of decisive tracks, and of unknown ones
-    for track in tracks:
+def _swept(signals: Sequence[Signal], start: int, decisive: Truth, neutral: Truth) -> Signal:
+    """At every time: `decisive` if any signal is, else unknown if any is, else `neutral`."""
+    if len(signals) == 1:
+        return signals[0]
+    steps: list[tuple[int, int, int]] = []  # time, change in the number of decisive signals, and of unknown ones
+    for signal in signals:
         was_decisive = was_unknown = False
-        for t, truth in track:
+        for t, truth in signal:
             is_decisive, is_unknown = truth is decisive, truth is Truth.UNKNOWN
             if is_decisive != was_decisive or is_unknown != was_unknown:
                 steps.append((t, is_decisive - was_decisive, is_unknown - was_unknown))

@@ -1,4 +1,4 @@
-"""What stands at one moment, in memory: an `Interpretation` that conditions are evaluated against."""
+"""A state in memory: an `Interpretation` that conditions are evaluated against."""
 
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Sequence
@@ -14,7 +14,7 @@ StateRow = tuple[Timeline, int, Value]
 
 
 class Snapshot:
-    """The state at one moment, from the assertions that stand; indexed when first asked."""
+    """The state at one time, from the assertions that hold; indexed when first asked."""
 
     def __init__(self, time: int, rows: Sequence[StateRow], domain: Domain | None, use_unknowns: bool) -> None:
         self.time = time
@@ -29,7 +29,7 @@ class Snapshot:
         return [row for row in self.rows if row[0].kind is kind and row[0].role is role]
 
     def row(self, kind: KnowledgeType, name: str) -> StateRow | None:
-        """The assertion that stands on one timeline of the state."""
+        """The assertion that holds on one timeline of the state."""
         by_key = self._by_key.get(kind)
         if by_key is None:
             # most states are asked one question: one pass is cheaper than any order among the rows
@@ -56,12 +56,12 @@ class Snapshot:
         return found
 
     def sign(self, name: str, arguments: Arguments) -> bool | None:
-        """True where the fact is asserted, False where it is explicitly false, None where nothing is said."""
+        """True where the fact is asserted, False where it is explicitly false, None where neither is."""
         row = self.row(KnowledgeType.FACT, atom_key((name, *arguments)))
         return None if row is None else not row[2][0]
 
     def facts(self, name: str) -> Iterable[tuple[Arguments, bool]]:
-        """All facts of a predicate that are said, each with its sign."""
+        """The facts of a predicate, of both signs, each with its sign."""
         return self._signs.get(name, {}).items()
 
     def number(self, name: str, arguments: Arguments) -> Number | None:

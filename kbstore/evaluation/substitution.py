@@ -1,4 +1,4 @@
-"""Variables of a formula, and the objects that stand in their places."""
+"""The variables of a formula, and the objects that replace them."""
 
 from collections.abc import Mapping
 

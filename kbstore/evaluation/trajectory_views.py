@@ -1,4 +1,4 @@
-"""Two views of a course: read once and remembered, and as it stands at one moment of its span."""
+"""Two views of a trajectory: read once and remembered, and at one time of its span."""
 
 from bisect import bisect_right
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
@@ -13,7 +13,7 @@ _Piece = TypeVar("_Piece", bound=tuple[int, int, object] | Span)
 
 
 class CachedTrajectory:
-    """A course that reads each thing of another one only once (a `Course`)."""
+    """A trajectory that reads each thing of another one only once (a `Trajectory`)."""
 
     def __init__(self, trajectory: Trajectory) -> None:
         self.span: Span = trajectory.span
@@ -27,13 +27,13 @@ class CachedTrajectory:
         self._existence: dict[str, Sequence[tuple[int, int, str]]] = {}
 
     def signs(self, name: str, arguments: Arguments) -> Sequence[tuple[int, int, bool]]:
-        """The pieces in which one fact is said, each with its sign."""
+        """The pieces in which one fact is asserted or denied, each with its sign."""
         if name in self._all_signs:
             return self._all_signs[name].get(arguments, ())
         return _remembered(self._signs, (name, arguments), lambda: self._trajectory.signs(name, arguments))
 
     def all_signs(self, name: str) -> Mapping[Arguments, Sequence[tuple[int, int, bool]]]:
-        """The pieces of every fact of a predicate that is said somewhere in the span."""
+        """The same for every fact of a predicate that is asserted or denied somewhere in the span."""
         return _remembered(self._all_signs, name, lambda: self._trajectory.all_signs(name))
 
     def numbers(self, name: str, arguments: Arguments) -> Sequence[tuple[int, int, Number]]:
@@ -51,7 +51,7 @@ class CachedTrajectory:
 
 
 class TrajectoryAt:
-    """How a course stands at one time of its span (an `Interpretation`)."""
+    """A trajectory at one time of its span (an `Interpretation`)."""
 
     def __init__(self, trajectory: Trajectory, time: int) -> None:
         self.time = time
@@ -60,12 +60,12 @@ class TrajectoryAt:
         self._trajectory = trajectory
 
     def sign(self, name: str, arguments: Arguments) -> bool | None:
-        """True where the fact is asserted, False where it is explicitly false, None where nothing is said."""
+        """True where the fact is asserted, False where it is explicitly false, None where neither is."""
         piece = _piece_at(self._trajectory.signs(name, arguments), self.time)
         return None if piece is None else piece[2]
 
     def facts(self, name: str) -> Iterator[tuple[Arguments, bool]]:
-        """All facts of a predicate that are said, each with its sign."""
+        """The facts of a predicate, of both signs, each with its sign."""
         for arguments, pieces in self._trajectory.all_signs(name).items():
             piece = _piece_at(pieces, self.time)
             if piece is not None:

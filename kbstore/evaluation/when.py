@@ -1,14 +1,14 @@
-"""When a condition is true over a span, exact to the nanosecond (rule Q4).
+"""Computes when a condition is true over a span, exact to the nanosecond (rule Q4).
 
-Each part of the condition becomes a track of its truth over time; tracks are combined in sweeps. The answer agrees with
-`kbstore.evaluation.conditions.truth` at every nanosecond.
+The truth of each part of the condition over time is a signal (`kbstore.evaluation.signals`); signals are combined in
+sweeps. The answer agrees with `kbstore.evaluation.conditions.truth` at every nanosecond.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
 
 from kbstore.evaluation import signals
 from kbstore.evaluation.evaluator import Evaluation
-from kbstore.evaluation.interpretation import Arguments, Interpretation, Trajectory
+from kbstore.evaluation.interpretation import Arguments, Trajectory
 from kbstore.evaluation.intervals import Intervals
 from kbstore.evaluation.joins import Guard, Relation, assignments, guards, is_variable
 from kbstore.evaluation.leaf_signals import LeafSignals
@@ -48,7 +48,7 @@ def intervals(
     """Return the maximal half-open intervals within the trajectory's span in which a condition is true.
 
     The condition has been checked (`kbstore.evaluation.wellformed.check`); symbols that the trajectory's domain does
-    not know say nothing (rule D4). Raises `InvalidKnowledge` and `NotLinear` as `truths` does.
+    not know assert nothing (rule D4). Raises `InvalidKnowledge` and `NotLinear` as `truths` does.
     """
     if trajectory.span[0] >= trajectory.span[1]:
         return Intervals()
@@ -75,13 +75,8 @@ def truths(
     )
 
 
-def moment(trajectory: Trajectory, t: int) -> Interpretation:
-    """How things stand at one time of the course's span."""
-    return TrajectoryAt(trajectory, t)
-
-
 class SignalEvaluator:
-    """The tracks of conditions over one course. They must be well-formed; unknown symbols say nothing."""
+    """The signals of conditions over one trajectory. They must be well-formed; unknown symbols assert nothing."""
 
     def __init__(self, trajectory: Trajectory, *, duration: float | None = None) -> None:
         self._trajectory = CachedTrajectory(trajectory)
@@ -92,27 +87,29 @@ class SignalEvaluator:
         self._rows: dict[str, Relation] = {}
 
     def of(self, condition: Formula, bindings: Bindings) -> Signal:
-        """The track of a condition, with objects for its free variables."""
+        """The signal of a condition, with objects for its free variables."""
         for node, _, scope in walk(condition, {}):
             # of a predicate that is asked of many objects, everything is read at once
             if isinstance(node, Atom) and any(is_variable(a, scope) for a in node.arguments):
                 self._trajectory.all_signs(key(node.name))
-        return self._track(condition, bindings)
+        return self._signal(condition, bindings)
 
-    def _track(self, condition: Formula, bindings: Bindings) -> Signal:
+    def _signal(self, condition: Formula, bindings: Bindings) -> Signal:
         match condition:
             case Atom(name):
                 if key(name) in self._derived_names:
                     return self._derived_atom(key(name), pattern(condition, bindings))
                 return self._leaves.fact(condition, bindings)
             case Not(part):
-                return signals.inverted(self._track(part, bindings))
+                return signals.inverted(self._signal(part, bindings))
             case And(parts):
-                return self._all([self._track(part, bindings) for part in parts])
+                return self._all([self._signal(part, bindings) for part in parts])
             case Or(parts):
-                return self._any([self._track(part, bindings) for part in parts])
+                return self._any([self._signal(part, bindings) for part in parts])
             case Imply(premise, conclusion):
-                return self._any([signals.inverted(self._track(premise, bindings)), self._track(conclusion, bindings)])
+                return self._any(
+                    [signals.inverted(self._signal(premise, bindings)), self._signal(conclusion, bindings)]
+                )
             case Exists() | Forall():
                 return self._quantified(condition, bindings)
             case Comparison():
@@ -124,7 +121,7 @@ class SignalEvaluator:
             case IsA(name, type_name):
                 return self._leaves.is_a(term(name, bindings), (key(type_name or "object"),))
             case Preference(_, part):
-                return self._track(part, bindings)
+                return self._signal(part, bindings)
             case Truism():
                 return self._leaves.constant(Truth.TRUE)
 
@@ -140,9 +137,9 @@ class SignalEvaluator:
         guarded = [guard for atom in guards(quantified.part, witness) for guard in self._guard(atom)]
         instances = []
         for found in assignments(variables, guarded, bindings, self._leaves.objects):
-            track = self._track(quantified.part, found)
+            signal = self._signal(quantified.part, found)
             presence = [self._leaves.presence(found[variable], types) for variable, types in variables.items()]
-            instances.append(self._all([track if witness else signals.inverted(track), *presence]))
+            instances.append(self._all([signal if witness else signals.inverted(signal), *presence]))
         return self._any(instances) if witness else signals.inverted(self._any(instances))
 
     def _guard(self, atom: Atom) -> Iterator[Guard]:
@@ -151,26 +148,26 @@ class SignalEvaluator:
             return
         name = key(atom.name)
         if name in self._derived_names:
-            self._derived_tracks(name)
+            self._derived_signals(name)
         elif name not in self._rows:
-            said = self._trajectory.all_signs(name).items()
-            self._rows[name] = Relation(row for row, pieces in said if any(sign for _, _, sign in pieces))
+            known = self._trajectory.all_signs(name).items()
+            self._rows[name] = Relation(row for row, pieces in known if any(sign for _, _, sign in pieces))
         yield atom, self._rows[name]
 
     # -- derived predicates -----------------------------------------------------------------------------------
 
     def _derived_atom(self, name: str, wanted: Pattern) -> Signal:
         """A derived atom; of objects that do not exist it is absent (rule V8)."""
-        tracks_of = self._derived_tracks(name)
-        found = [tracks_of[row] for row in self._rows[name].matching(wanted)]
+        signal_of = self._derived_signals(name)
+        found = [signal_of[row] for row in self._rows[name].matching(wanted)]
         if self._trajectory.use_unknowns:
             exist = [self._leaves.is_a(value, ("object",)) for value in wanted if value is not None]
             matching = [self._leaves.is_a(None, types) for types in self._leaves.wild_ranges(name, wanted)]
             found.append(self._all([signals.false_else_unknown(self._all(exist)), *matching]))
         return self._any(found)
 
-    def _derived_tracks(self, name: str) -> Mapping[Arguments, Signal]:
-        """The tracks of all rows of which a derived predicate is not false throughout the span."""
+    def _derived_signals(self, name: str) -> Mapping[Arguments, Signal]:
+        """The signals of all rows of which a derived predicate is not false throughout the span."""
         if name not in self._derived:
             rows: dict[Arguments, Signal] = {}
             before: dict[Arguments, Truth] = {}
@@ -195,24 +192,24 @@ class SignalEvaluator:
             raise ValueError("only a domain has derived predicates")
         rules = program(domain)
         reachable = rules.reachable(name)
-        found = [track for each in reachable for types in rules.ranges[each] for track in self._presences(types)]
+        found = [signal for each in reachable for types in rules.ranges[each] for signal in self._presences(types)]
         for rule in (rule for each in reachable for rule in rules.rules[each]):
             for node, _, scope in walk(rule.condition, rule.variables):
                 match node:
                     case Exists(parameters) | Forall(parameters):
                         found += [t for types in variables_of(parameters).values() for t in self._presences(types)]
                     case Atom():
-                        found += self._fact_tracks(node, scope)
+                        found += self._fact_signals(node, scope)
                     case Comparison() | Defined() | IsA():
                         used = {
                             v: types for v, types in scope.items() if any(is_variable(a, {v}) for a in _arguments(node))
                         }
                         for bindings in assignments(used, (), {}, self._leaves.objects):
-                            found.append(self._track(node, bindings))
+                            found.append(self._signal(node, bindings))
         return {self._start} | signals.changes(found)
 
-    def _fact_tracks(self, atom: Atom, scope: Variables) -> Iterator[Signal]:
-        """Tracks that change wherever an atom in a rule may change, whatever its variables stand for."""
+    def _fact_signals(self, atom: Atom, scope: Variables) -> Iterator[Signal]:
+        """Signals that change wherever an atom in a rule may change, whatever its variables stand for."""
         name, wanted = key(atom.name), pattern(atom, {variable: variable for variable in scope})
         for argument in atom.arguments:
             if not is_wildcard(argument):
@@ -228,7 +225,7 @@ class SignalEvaluator:
 
 
 def _arguments(node: Comparison | Defined | IsA) -> list[str]:
-    """The arguments that stand in a leaf."""
+    """The arguments in a leaf."""
     match node:
         case Comparison(_, left, right):
             return [argument for function in atoms_of((*left, *right)) for argument in function.arguments]

@@ -11,6 +11,7 @@ from kbstore.evaluation import when
 from kbstore.evaluation.conditions import truth
 from kbstore.evaluation.interpretation import Arguments, Number
 from kbstore.evaluation.intervals import Intervals
+from kbstore.evaluation.trajectory_views import TrajectoryAt
 from kbstore.messages import ComparisonType, Operator, SpecialType, Truth
 from kbstore.model.expressions import NumericExpression
 from kbstore.model.formulas import And, Atom, Comparison, Defined, Formula, Imply, IsA, Not, Or, Same, Truism
@@ -109,7 +110,7 @@ def test_crossings_are_exact_to_the_nanosecond(
         for t in (start, start + 1, (start + end) // 2, end - 2, end - 1):
             if start <= t < end:
                 assert brute_force.truth(condition, trajectory.at(t)) is found
-                assert truth(condition, when.moment(trajectory, t)) is found
+                assert truth(condition, TrajectoryAt(trajectory, t)) is found
 
 
 @settings(max_examples=30, deadline=None)
@@ -117,7 +118,7 @@ def test_crossings_are_exact_to_the_nanosecond(
 def test_moment_gives_the_state_at_one_time_of_the_span(condition: Formula, trajectory: History, t: int) -> None:
     """Q4: `moment` gives what stands at one time of the span."""
     t = trajectory.span[0] + t % (trajectory.span[1] - trajectory.span[0])
-    view, world = when.moment(trajectory, t), trajectory.at(t)
+    view, world = TrajectoryAt(trajectory, t), trajectory.at(t)
     assert truth(condition, view) is truth(condition, world)
     for name in DOMAIN.predicate_signatures:
         assert dict(view.facts(name)) == dict(world.facts(name))
