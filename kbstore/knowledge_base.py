@@ -6,7 +6,7 @@ told, which says what it means and leaves the doing to `kbstore.reading`, `kbsto
 
 import os
 import threading
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from copy import copy
 from types import TracebackType
@@ -17,7 +17,19 @@ from kbstore.conversion import MessageDomain
 from kbstore.errors import Conflict, InvalidKnowledge, InvalidTime, StoreUnavailable, UnknownSymbol
 from kbstore.evaluation.intervals import Intervals
 from kbstore.interop.up_loading import PlanningProblem
-from kbstore.messages import Expression, Fact, Function, Goal, Instance, KnowledgeItem, Truth, UpdateType
+from kbstore.messages import (
+    Condition,
+    Expression,
+    Fact,
+    Function,
+    Goal,
+    Instance,
+    KnowledgeItem,
+    KnowledgeType,
+    Truth,
+    UpdateType,
+)
+from kbstore.model.domain import Domain
 from kbstore.model.results import (
     Applicability,
     AsOf,
@@ -30,6 +42,7 @@ from kbstore.model.results import (
     Run,
     Transaction,
 )
+from kbstore.model.timelines import Role
 from kbstore.names import key
 from kbstore.pddl.strict_names import StrictPddl, strict_domain, strict_problem
 from kbstore.pddl.writer import write_domain
@@ -348,11 +361,10 @@ class KnowledgeBase:
         at: TimeLike | None = None,
     ) -> list[Instance]:
         """The objects of a type, or all."""
-        state = self.state(at)
-        domain = state.domain
+        items, domain = self._items((KnowledgeType.INSTANCE,), at)
         if domain is not None and type_name:
             domain.type_spelling(type_name)
-        found = list(state.instances)
+        found = [item for item in cast("list[Instance]", items) if not item.is_negative]
         if include_constants and domain is not None:
             found += [Instance(instance_name=name, instance_type=kind) for name, kind in domain.constants.items()]
         if not type_name:
@@ -363,17 +375,17 @@ class KnowledgeBase:
 
     def propositions(self, name: str = "", at: TimeLike | None = None) -> list[Fact]:
         """The facts of a predicate, or all, of both signs."""
-        state = self.state(at)
-        if name and state.domain is not None:
-            state.domain.predicate(name)
-        return [fact for fact in state.facts if not name or key(fact.attribute_name) == key(name)]
+        items, domain = self._items((KnowledgeType.FACT,), at, name)
+        if name and domain is not None:
+            domain.predicate_signature(name)
+        return cast("list[Fact]", items)
 
     def functions(self, name: str = "", at: TimeLike | None = None) -> list[Function]:
         """The values of a numeric function, or of all."""
-        state = self.state(at)
-        if name and state.domain is not None:
-            state.domain.function(name)
-        return [item for item in state.functions if not name or key(item.attribute_name) == key(name)]
+        items, domain = self._items((KnowledgeType.FUNCTION,), at, name)
+        if name and domain is not None:
+            domain.function_signature(name)
+        return cast("list[Function]", items)
 
     def timed_knowledge(self, name: str = "", at: TimeLike | None = None) -> list[KnowledgeItem]:
         """What was scheduled, and takes effect after the time; of one predicate or function, or all."""
@@ -388,11 +400,20 @@ class KnowledgeBase:
 
     def goals(self, at: TimeLike | None = None) -> list[Goal]:
         """The parts of the goal."""
-        return self.state(at).goals
+        return cast("list[Goal]", self._items(tuple(KnowledgeType), at, role=Role.GOAL)[0])
 
     def metric(self, at: TimeLike | None = None) -> Expression | None:
         """The metric."""
-        return self.state(at).metric
+        found, _ = self._items((KnowledgeType.EXPRESSION,), at)
+        return cast("Expression", found[0]) if found else None
+
+    def _items(
+        self, kinds: Sequence[KnowledgeType], at: TimeLike | None, name: str = "", *, role: Role = Role.STATE
+    ) -> tuple[list[KnowledgeItem | Condition], Domain | None]:
+        """The items of some knowledge types at a time, and the domain then."""
+        with self._reader.repository() as repository:
+            point = self._reader.resolver.resolve(repository, at)
+            return self._reader.items(repository, point, role, kinds, name)
 
     @property
     def domain(self) -> MessageDomain:

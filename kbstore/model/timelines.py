@@ -22,7 +22,7 @@ from kbstore.messages.enums import KnowledgeType
 
 Value = tuple[Any, ...]
 
-_LONGEST_KEY = 500
+LONGEST_KEY = 500
 
 METRIC_KEY = ""
 """The key of the one timeline of the metric (rule C11)."""
@@ -124,9 +124,9 @@ def atom_key(names: Sequence[str]) -> str:
 
 def stored_key(key: str) -> str:
     """The key as it is stored: of a very long one, its beginning and a digest, as indexes have a limit."""
-    if len(key) <= _LONGEST_KEY:
+    if len(key) <= LONGEST_KEY:
         return key
-    return f"{key[:_LONGEST_KEY]} #{sha256(key.encode()).hexdigest()}"
+    return f"{key[:LONGEST_KEY]} #{sha256(key.encode()).hexdigest()}"
 
 
 def number_at(value: Value, initial_time: int, t: int) -> float:

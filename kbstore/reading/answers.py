@@ -6,15 +6,15 @@ and any other is evaluated on as much of the state as it reads (`kbstore.reading
 """
 
 from collections.abc import Callable
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
 from kbstore.caches import LRU
-from kbstore.clock import OPEN, Clock, TimeLike, time
+from kbstore.clock import Clock, TimeLike, time
 from kbstore.evaluation.interpretation import Number
 from kbstore.messages import Truth
 from kbstore.model.results import AsOf
 from kbstore.model.symbols import SymbolTable
-from kbstore.model.timelines import Role, Value
+from kbstore.model.timelines import Role
 from kbstore.reading.lazy_state import LazyState
 from kbstore.reading.prepared import PreparedCondition, PreparedExpression, question_key
 from kbstore.reading.questions import Question
@@ -54,14 +54,14 @@ class Answers:
 
     def truth(self, question: Question, at: TimeLike | None = None, as_of: AsOf | None = None) -> Truth:
         """The truth value of a condition at a time, as of another."""
-        return cast("Truth", self._ask(self._conditions, question, at, as_of))
+        return self._ask(self._conditions, question, at, as_of)  # type: ignore[return-value]
 
     def value(self, question: Question, at: TimeLike | None = None, as_of: AsOf | None = None) -> float:
         """The value of an expression at a time, as of another.
 
         Raises `UndefinedFunction` or `DivisionByZero` where it has none.
         """
-        return cast("float", self._ask(self._expressions, question, at, as_of))
+        return self._ask(self._expressions, question, at, as_of)  # type: ignore[return-value]
 
     def _ask(self, form: _Form, question: Question, at: TimeLike | None, as_of: AsOf | None) -> Truth | float:
         name = question if type(question) is str else question_key(question)
@@ -83,7 +83,7 @@ class Answers:
                     repository = Repository(connection, self._reader.kb, self._reader.cache)
                     found = self._from_timeline(repository, prepared, at, look_ahead=answers is not None)
             if found is None:
-                found = self._from_state(form, question, at, as_of)
+                found = self._from_state(form, question, at, as_of, look_ahead=answers is not None)
             since, until, answer = found
             if answers is not None and name is not None and since < until:
                 answers.put(name, found)
@@ -101,22 +101,29 @@ class Answers:
             found = repository.find(Role.STATE, prepared.kind, [prepared.key])
             timeline = prepared.timeline = found.get(prepared.key)
         t = self._resolver.read_clock() if at is None else at if type(at) is int else time(at)
-        head, initial_time, end_time, value = repository.value_at(prepared.kind, timeline, t)
-        if at is None and head.time > t:
+        point = repository.value_at(prepared.kind, timeline, t)
+        if at is None and point.time > t:
             # a caller always sees what it wrote, also where the clock is behind (rule T3)
-            t = head.time
-            head, initial_time, end_time, value = repository.value_at(prepared.kind, timeline, t)
+            t = point.time
+            point = repository.value_at(prepared.kind, timeline, t)
         version = self._domains.latest
-        if not self._resolver.is_stored(head, t) or head.domain_version != version.version or t < version.time:
+        if not self._resolver.is_stored(point, t) or point.domain_version != version.version or t < version.time:
             return None
-        answer = _by_timeline(prepared, value, initial_time)
-        if answer is None:
+        value, end_time = point.value, point.end_time
+        answer: _Answer
+        if type(prepared) is PreparedCondition:
+            answer = prepared.if_absent if value is None else prepared.if_denied if value[0] else prepared.if_asserted
+        elif value is None:
             return None
-        if value is None and look_ahead:
-            end_time = OPEN if timeline is None else repository.next_start(timeline, t)
+        else:
+            answer = Number(value[1], value[3], point.initial_time) if value[3] else value[1]
+        if value is None and look_ahead and timeline is not None:
+            end_time = repository.next_start(timeline, t, point.present)
         return t, end_time, answer
 
-    def _from_state(self, form: _Form, question: Question, at: TimeLike | None, as_of: AsOf | None) -> _Found:
+    def _from_state(
+        self, form: _Form, question: Question, at: TimeLike | None, as_of: AsOf | None, *, look_ahead: bool
+    ) -> _Found:
         """The answer by an evaluation, on as much of the state as that reads."""
         reader = self._reader
         with reader.repository() as repository:
@@ -124,14 +131,5 @@ class Answers:
             symbols = reader.symbols_at(repository, point)
             world = reader.world(repository, point, symbols.domain)
             answer = form.prepare(question, symbols).evaluate(world)
-            until = world.until if isinstance(world, LazyState) else point.valid_time
+            until = world.until if look_ahead and isinstance(world, LazyState) else point.valid_time
             return point.valid_time, until, answer
-
-
-def _by_timeline(prepared: _Prepared, value: Value | None, initial_time: int) -> _Answer | None:
-    """What the value on a timeline answers; None for a number that there is not."""
-    if isinstance(prepared, PreparedCondition):
-        return prepared.if_absent if value is None else prepared.if_denied if value[0] else prepared.if_asserted
-    if value is None:
-        return None
-    return Number(value[1], value[3], initial_time) if value[3] else cast("float", value[1])

@@ -1,33 +1,46 @@
 """The state at one stored instant, read only as far as a question asks."""
 
 from collections.abc import Collection, Iterable
+from itertools import takewhile
+from typing import cast
 
 from kbstore.clock import OPEN
 from kbstore.evaluation.interpretation import Arguments, Number
 from kbstore.evaluation.snapshot import Snapshot, StateRow
 from kbstore.messages import KnowledgeType
 from kbstore.model.domain import Domain
-from kbstore.model.timelines import Role, atom_key
+from kbstore.model.timelines import Role, Timeline, atom_key
 from kbstore.names import key
 from kbstore.storage.records import LogPosition
 from kbstore.storage.repository import Repository
 
+_FEW = 4
+"""Of up to so many timelines on which nothing holds it is asked when that changes; of more, when anything does."""
+
 
 class LazyState:
-    """An interpretation on an open repository: single timelines by point queries, ranges as a whole when first asked.
-
-    Attributes:
-        until: The time at which the clock may change what has been read; `time` itself where that is not known.
-    """
+    """An interpretation on an open repository: it reads single timelines, or what a pattern binds, or a predicate."""
 
     def __init__(self, repository: Repository, time: int, domain: Domain | None, *, use_unknowns: bool) -> None:
         self.time = time
         self.domain = domain
         self.use_unknowns = use_unknowns
-        self.until = OPEN
         self._repository = repository
-        self._ranges: dict[KnowledgeType, Snapshot] = {}
         self._rows: dict[tuple[KnowledgeType, str], StateRow | None] = {}
+        self._objects: Snapshot | None = None
+        self._ends = OPEN
+        self._absent: list[Timeline] = []
+        self._has_ranges = False
+        self._has_moving = False
+
+    @property
+    def until(self) -> int:
+        """The time at which the clock may change what has been read; `time` itself where a number that moves was."""
+        if self._has_moving:
+            return self.time
+        if self._has_ranges or len(self._absent) > _FEW:
+            return min(self._ends, self._repository.next_due(self.time))
+        return min(self._ends, *(self._repository.next_start(line, self.time) for line in self._absent), OPEN)
 
     def sign(self, name: str, arguments: Arguments) -> bool | None:
         """True where the fact is asserted, False where it is explicitly false, None where nothing is said."""
@@ -35,22 +48,55 @@ class LazyState:
         return None if row is None else not row[2][0]
 
     def facts(self, name: str) -> Iterable[tuple[Arguments, bool]]:
-        """All facts of a predicate that are said, each with its sign."""
-        return self._range(KnowledgeType.FACT).facts(name)
+        """The facts of a predicate, of both signs, each with its sign."""
+        return self._facts(self._repository.holding(Role.STATE, KnowledgeType.FACT, self.time, name))
+
+    def matching(self, name: str, wanted: tuple[str | None, ...]) -> Iterable[tuple[Arguments, bool]]:
+        """The facts of a predicate that have the given arguments, at least one of them, each with its sign."""
+        if None not in wanted:
+            sign = self.sign(name, cast("Arguments", wanted))
+            return [] if sign is None else [(cast("Arguments", wanted), sign)]
+        bound = tuple(takewhile(lambda value: value is not None, wanted))
+        if bound:
+            # they are the beginning of the timelines' keys
+            words = atom_key((name, *cast("Arguments", bound)))
+            rows = self._repository.holding(Role.STATE, KnowledgeType.FACT, self.time, words)
+        else:
+            about = next(value for value in wanted if value is not None)
+            line = self._repository.find(Role.STATE, KnowledgeType.INSTANCE, [about]).get(about)
+            if line is None:
+                return []
+            rows = self._repository.holding(Role.STATE, KnowledgeType.FACT, self.time, name, mentioning=line)
+        return [
+            (arguments, sign)
+            for arguments, sign in self._facts(rows)
+            if len(arguments) == len(wanted)
+            and all(value is None or value == found for value, found in zip(wanted, arguments, strict=True))
+        ]
+
+    def _facts(self, rows: Iterable[StateRow]) -> list[tuple[Arguments, bool]]:
+        self._has_ranges = True
+        found = []
+        for row in rows:
+            self._rows[KnowledgeType.FACT, row[0].key] = row
+            found.append((row[0].keys[1:], not row[2][0]))
+        return found
 
     def number(self, name: str, arguments: Arguments) -> Number | None:
         """The value of a numeric function, None where it is undefined."""
         row = self.row(KnowledgeType.FUNCTION, atom_key((name, *arguments)))
         if row is None:
             return None
-        if row[2][3]:
-            # it moves
-            self.until = self.time
+        self._has_moving |= bool(row[2][3])
         return Number(row[2][1], row[2][3], row[1])
 
     def objects(self, types: Iterable[str]) -> Collection[str]:
         """The objects that exist and are of one of the types or their subtypes, constants included."""
-        return self._range(KnowledgeType.INSTANCE).objects(types)
+        if self._objects is None:
+            rows = self._repository.state_at(KnowledgeType.INSTANCE, LogPosition(self.time))
+            self._objects = Snapshot(self.time, rows, self.domain, self.use_unknowns)
+            self._has_ranges = True
+        return self._objects.objects(types)
 
     def type_of(self, name: str) -> str | None:
         """The type of an object or constant, None where it does not exist."""
@@ -62,9 +108,8 @@ class LazyState:
 
     def row(self, kind: KnowledgeType, name: str) -> StateRow | None:
         """The assertion that holds on one timeline of the state."""
-        range_read = self._ranges.get(kind)
-        if range_read is not None:
-            return range_read.row(kind, name)
+        if kind is KnowledgeType.INSTANCE and self._objects is not None:
+            return self._objects.row(kind, name)
         if (kind, name) not in self._rows:
             self._rows[kind, name] = self._point(kind, name)
         return self._rows[kind, name]
@@ -75,15 +120,7 @@ class LazyState:
             return None
         found = self._repository.value_at(kind, timeline, self.time)
         if found.value is None:
-            self.until = min(self.until, self._repository.next_start(timeline, self.time))
+            self._absent.append(timeline)
             return None
-        self.until = min(self.until, found.end_time)
+        self._ends = min(self._ends, found.end_time)
         return timeline, found.initial_time, found.value
-
-    def _range(self, kind: KnowledgeType) -> Snapshot:
-        found = self._ranges.get(kind)
-        if found is None:
-            rows = self._repository.state_at(kind, LogPosition(self.time))
-            found = self._ranges[kind] = Snapshot(self.time, rows, self.domain, self.use_unknowns)
-            self.until = self.time
-        return found

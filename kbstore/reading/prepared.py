@@ -139,9 +139,10 @@ def question_key(question: Question) -> Hashable | None:
     """What a question is found by: equal for questions that ask the same; None if it is not worth finding."""
     if isinstance(question, str):
         return question
-    if isinstance(question, Fact | Function):
-        value = question.function_value if isinstance(question, Function) else None
-        return question.knowledge_type, question.key, question.is_negative, question.labels, value
+    if isinstance(question, Fact):
+        return Fact, question.key, question.is_negative, question.labels
+    if isinstance(question, Function):
+        return Function, question.key, question.is_negative, question.labels, question.function_value
     if isinstance(question, Condition):
         return Condition, question.text
     if isinstance(question, (*_FORMULAS, tuple)):

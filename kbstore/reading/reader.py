@@ -6,12 +6,15 @@ from contextlib import contextmanager
 from kbstore.caches import ASSERTIONS, LRU, TIMELINES
 from kbstore.clock import Clock
 from kbstore.evaluation.snapshot import Snapshot, StateRow
-from kbstore.messages import KnowledgeType
+from kbstore.messages import Condition, KnowledgeItem, KnowledgeType
 from kbstore.model.domain import Domain
 from kbstore.model.results import Explanation, Run
 from kbstore.model.symbols import SymbolTable
+from kbstore.model.timelines import Role
+from kbstore.names import key
 from kbstore.planning.simulator import RunningAction, Simulator
 from kbstore.reading.domains import DomainVersions
+from kbstore.reading.item_factory import ItemFactory
 from kbstore.reading.lazy_state import LazyState
 from kbstore.reading.mentions import mentions
 from kbstore.reading.prepared import PreparedQuestions
@@ -93,6 +96,27 @@ class Reader:
             if point.is_settled:
                 self._states.put(point.valid_time, data)
         return self.state_of(data, symbols, point.system_time if point.is_as_of else None)
+
+    def items(
+        self, repository: Repository, point: TemporalPoint, role: Role, kinds: Sequence[KnowledgeType], name: str = ""
+    ) -> tuple[list[KnowledgeItem | Condition], Domain | None]:
+        """The items of a role and some knowledge types at a point, as in its state, and the domain.
+
+        With a name only those of that symbol. Where they are stored, the rest of the state is not read.
+        """
+        symbols = self.symbol_table(repository, point.head, point.position)
+        rows: list[StateRow] = []
+        if not point.is_known_now:
+            snapshot = self._data(repository, point, symbols.domain).snapshot
+            rows = [row for kind in kinds for row in snapshot.of(kind, role)]
+        elif name or role is not Role.STATE:
+            rows = [row for kind in kinds for row in repository.holding(role, kind, point.valid_time, key(name))]
+        else:
+            position = LogPosition(point.valid_time)
+            rows = [row for kind in kinds for row in repository.state_at(kind, position) if row[0].role is role]
+        if name:
+            rows = [row for row in rows if row[0].keys[0] == key(name)]
+        return ItemFactory(symbols).items(rows, point.valid_time), symbols.domain
 
     def state_of(self, data: StateData, symbols: SymbolTable, as_of: LogPosition | None = None) -> State:
         """The state that is made from its data."""

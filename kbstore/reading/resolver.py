@@ -10,7 +10,7 @@ from typing import NamedTuple
 from kbstore.clock import OPEN, TIME_LIMIT, Clock, TimeLike, isoformat, time
 from kbstore.errors import ClockWentBackwards, HistoryUnavailable
 from kbstore.model.results import AsOf, Transaction
-from kbstore.storage.records import Head, LogPosition, RunRow
+from kbstore.storage.records import Head, LogPosition, RunRow, StoredPoint
 from kbstore.storage.repository import Repository
 
 
@@ -110,7 +110,7 @@ class Resolver:
         """Return the instant of a position in the log, as it was believed there."""
         return TemporalPoint(position.time, position, True, head, position, position, ())
 
-    def is_stored(self, head: Head, t: int) -> bool:
+    def is_stored(self, head: Head | StoredPoint, t: int) -> bool:
         """Whether the rows that are known now answer for a time, as can be told by the head alone.
 
         `resolve` tells the same of every time, reading what runs where that matters, and refuses what cannot be

@@ -40,7 +40,18 @@ HEAD_COLUMNS = (
 )
 """Where the record of a knowledge base stands: the columns of its head, in the order in which they are read."""
 
-_heads, _schedules = tables.heads.c, tables.schedules.c
+_heads, _schedules, _timelines = tables.heads.c, tables.schedules.c, tables.timelines.c
+
+
+def _with_symbol() -> Any:
+    """Timelines of a role and knowledge type whose keys lie in [:first_key, :last_key)."""
+    return and_(
+        _timelines.kb_id == KB,
+        _timelines.role == parameter("role"),
+        _timelines.knowledge_type == parameter("kind"),
+        _timelines.key >= parameter("first_key"),
+        _timelines.key < parameter("last_key"),
+    )
 
 
 class AssertionQueries:
@@ -131,29 +142,75 @@ class AssertionQueries:
             ),
         )
 
+    # -- a part of a state --------------------------------------------------------------------------------------
+
+    @cached_property
+    def of_symbol(self) -> Statement:
+        """What stands at :t on the timelines of a role whose keys lie in [:first_key, :last_key)."""
+        return Statement(lambda dialect: self._on_timelines(dialect, tables.timelines, _with_symbol()))
+
+    @cached_property
+    def mentioning(self) -> Statement:
+        """The same on those of them that mention an :object, given by the number of its INSTANCE timeline."""
+        mentions = tables.mentions.c
+        named = tables.mentions.join(
+            tables.timelines, and_(_timelines.kb_id == KB, _timelines.id == mentions.timeline_id)
+        )
+        about = and_(mentions.kb_id == KB, mentions.object_id == parameter("object"), _with_symbol())
+        return Statement(lambda dialect: self._on_timelines(dialect, named, about))
+
+    def _on_timelines(self, dialect: str, source: Any, which: Any) -> Any:
+        """What stands at :t on some timelines: of each the latest row that begins no later than :t."""
+        columns, t = self._columns, parameter("t")
+        if dialect == "sqlite":
+            other = self._table.alias("latest").c
+            latest = self._on_timeline(other, other.timeline_id == _timelines.id).where(other.initial_time <= t)
+            start = latest.with_only_columns(sa.func.max(other.initial_time)).correlate(tables.timelines)
+            on = and_(
+                columns.kb_id == KB,
+                columns.timeline_id == _timelines.id,
+                columns.retired_tx.is_(None),
+                columns.initial_time == start.scalar_subquery(),
+            )
+            found = select(*self._state).select_from(source.join(self._table, on))
+            if source is tables.timelines:
+                found = found.with_hint(tables.timelines, "INDEXED BY ux_timelines_key", "sqlite")
+            return found.where(which, columns.end_time > t)
+        latest = self._on_timeline(columns, columns.timeline_id == _timelines.id).where(columns.initial_time <= t)
+        row = (
+            latest.with_only_columns(columns.end_time, *self._state)
+            .order_by(columns.initial_time.desc())
+            .limit(constant(1))
+            .lateral("found")
+        )
+        shown = [row.c[column.name] for column in self._state]
+        return select(*shown).select_from(source.join(row, sa.true())).where(which, row.c.end_time > t)
+
     # -- one timeline -------------------------------------------------------------------------------------------
 
     @cached_property
     def point(self) -> Lookup:
-        """The head, and the latest row of one timeline that begins no later than :t."""
-        columns, kb = self._columns, KB
-        latest = self._on_timeline(columns, columns.timeline_id == parameter("timeline"))
-        latest = latest.where(columns.initial_time <= parameter("t"))
-        found = (
-            latest.with_only_columns(columns.end_time, columns.initial_time, *self._value)
-            .order_by(columns.initial_time.desc())
-            .limit(constant(1))
-            .subquery("found")
+        """Of the head what a question needs, and the latest row of one timeline that begins no later than :t."""
+        columns = self._columns
+        head = [_heads[name] for name in ("last_time", "history_from", "domain_version", "last_run", "present")]
+        found = [columns.end_time, columns.initial_time, *self._value]
+        on_timeline = and_(
+            columns.kb_id == KB,
+            columns.timeline_id == parameter("timeline"),
+            columns.retired_tx.is_(None),
+            columns.initial_time <= parameter("t"),
         )
-        return Lookup(
-            select(*(_heads[name] for name in HEAD_COLUMNS), *found.c)
-            .select_from(tables.heads.outerjoin(found, sa.true()))
-            .where(_heads.kb_id == kb),
-            "kb",
-            "timeline",
-            "t",
-            "kb",
-        )
+
+        def rows(dialect: str) -> Any:
+            if dialect == "sqlite":
+                # of the head there is one row: the index has the right order, and a subquery would be copied
+                both = select(*head, *found).select_from(tables.heads.outerjoin(self._table, on_timeline))
+                return both.where(_heads.kb_id == KB).order_by(columns.initial_time.desc()).limit(constant(1))
+            latest = select(*found).where(on_timeline).order_by(columns.initial_time.desc()).limit(constant(1))
+            row = latest.subquery("found")
+            return select(*head, *row.c).select_from(tables.heads.outerjoin(row, sa.true())).where(_heads.kb_id == KB)
+
+        return Lookup(rows, "kb", "timeline", "t", "kb")
 
     @cached_property
     def next_start(self) -> Statement:

@@ -197,6 +197,14 @@ ahead = Statement(
 )
 """The timelines of a knowledge type on which something lies ahead of :t."""
 
+next_due = Statement(
+    select(_schedules.initial_time)
+    .where(_schedules.kb_id == KB, _schedules.initial_time > parameter("t"))
+    .order_by(_schedules.initial_time)
+    .limit(constant(1))
+)
+"""When the next row that was scheduled begins after :t, cancelled ones included."""
+
 revised = Statement(
     select(_revisions.knowledge_type, _revisions.recorded_tx, _revisions.seq)
     .where(_revisions.kb_id == KB, between(_revisions.tx), _revisions.what.in_([constant(what) for what in (1, 2, 3)]))

@@ -57,11 +57,20 @@ class StoredAssertion(NamedTuple):
 
 
 class StoredPoint(NamedTuple):
-    """What holds on one timeline at a time, and the head as it was then; `value` is None where nothing holds."""
+    """What holds on one timeline at a time, and of the head what a question about it needs, as of the same commit.
 
-    head: Head
-    initial_time: int
+    Attributes:
+        end_time: when that ends; `OPEN` where nothing holds, or no end is known.
+        value: None where nothing holds.
+    """
+
+    time: int
+    history_from: int
+    domain_version: int
+    last_run: int
+    present: int
     end_time: int
+    initial_time: int
     value: Value | None
 
 

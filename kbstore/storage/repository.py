@@ -9,7 +9,7 @@ from typing import Any
 from kbstore.caches import LRU, TIMELINES
 from kbstore.clock import OPEN
 from kbstore.messages import KnowledgeType
-from kbstore.model.timelines import Role, Timeline, stored_key
+from kbstore.model.timelines import LONGEST_KEY, Role, Timeline, stored_key
 from kbstore.storage import queries
 from kbstore.storage.assertion_queries import for_kind
 from kbstore.storage.connection import SqlRow, StoreConnection
@@ -27,6 +27,9 @@ from kbstore.storage.records import (
     TransactionRows,
 )
 from kbstore.storage.tables import PRESENT_SCHEDULES
+
+_LAST_KEY = "\U0010ffff"
+"""What comes after all keys."""
 
 _VALUE = 9
 """Where the value begins in the rows that history reads."""
@@ -53,14 +56,17 @@ class Repository:
         self._kb = kb
         self._cache = cache
         self._positions: dict[LogPosition, dict[str, Any]] = {}
+        self._head: Head | None = None
 
     # -- the record -------------------------------------------------------------------------------------------
 
     def head(self, *, for_update: bool = False) -> Head:
-        """Where the record stands; `for_update` makes other writers of this knowledge base wait."""
-        row = self._connection.first(queries.head_for_update if for_update else queries.head, {"kb": self._kb})
-        assert row is not None
-        return Head(*row)
+        """Where the record stands in this snapshot; `for_update` makes other writers of this knowledge base wait."""
+        if self._head is None or for_update:
+            row = self._connection.first(queries.head_for_update if for_update else queries.head, {"kb": self._kb})
+            assert row is not None
+            self._head = Head._make(row)
+        return self._head
 
     def save(self, changes: RowChanges, head: Head, now: int, *, client: str, note: str) -> Head:
         """Record a transaction after `head`, which is locked; returns the new head."""
@@ -179,24 +185,62 @@ class Repository:
         return self._standing(kind, rows)
 
     def value_at(self, kind: KnowledgeType, timeline: Timeline | None, t: int) -> StoredPoint:
-        """What holds on one timeline at a time, with the head: one statement. No timeline says nothing."""
+        """What holds on one timeline at a time, with the head: one statement. Nothing holds on no timeline."""
         id = 0 if timeline is None else timeline.id
         row = self._connection.look_up(for_kind[kind].point, self._kb, id, t, self._kb)
         assert row is not None
-        head, end = Head._make(row[:10]), row[10]
+        end = row[5]
         if end is None or end <= t:
-            return StoredPoint(head, 0, OPEN, None)
-        return StoredPoint(head, row[11], end, row[12:])
+            return StoredPoint._make((*row[:5], OPEN, 0, None))
+        return StoredPoint._make((*row[:7], row[7:]))
 
-    def next_start(self, timeline: Timeline, t: int) -> int:
-        """When the next assertion on a timeline begins after a time; `OPEN` if none is scheduled."""
+    def next_start(self, timeline: Timeline, t: int, present: int | None = None) -> int:
+        """When the next assertion on a timeline begins after a time; `OPEN` if none is scheduled.
+
+        `present` is that of the head, where it has been read.
+        """
+        if not (self.head().present if present is None else present) & PRESENT_SCHEDULES:
+            return OPEN
         parameters = {"kb": self._kb, "timeline": timeline.id, "t": t}
         row = self._connection.first(for_kind[timeline.kind].next_start, parameters)
         return OPEN if row is None else int(row[0])
 
+    def next_due(self, t: int) -> int:
+        """A time up to which nothing takes effect by the clock alone after `t`; `OPEN` if nothing is scheduled."""
+        if not self.head().present & PRESENT_SCHEDULES:
+            return OPEN
+        row = self._connection.first(queries.next_due, {"kb": self._kb, "t": t})
+        return OPEN if row is None else int(row[0])
+
+    def holding(
+        self, role: Role, kind: KnowledgeType, t: int, words: str = "", *, mentioning: Timeline | None = None
+    ) -> list[StateRow]:
+        """The assertions of a role and knowledge type that hold at a time, without reading the rest of the state.
+
+        Args:
+            role: of their timelines.
+            kind: of their timelines.
+            t: the time.
+            words: with what the keys of their timelines begin: a symbol, and objects; nothing for all.
+            mentioning: only those that mention the object of an INSTANCE timeline.
+        """
+        if not self._has(kind):
+            return []
+        # keys that are too long are stored in another form
+        words = words if len(words) < LONGEST_KEY else words.partition(" ")[0]
+        # what follows the words is a space, or nothing
+        last = f"{words}!" if words else _LAST_KEY
+        span = {"role": int(role), "kind": int(kind), "first_key": words, "last_key": last}
+        parameters = {"kb": self._kb, "t": t, **span}
+        if mentioning is None:
+            rows = self._connection.all(for_kind[kind].of_symbol, parameters)
+        else:
+            rows = self._connection.all(for_kind[kind].mentioning, parameters | {"object": mentioning.id})
+        return self._standing(kind, rows)
+
     def scheduled_at(self, kind: KnowledgeType, position: LogPosition) -> list[StateRow]:
         """What had been scheduled at a position in the record, and takes effect after it."""
-        if not self._present & PRESENT_SCHEDULES:
+        if not self.head().present & PRESENT_SCHEDULES:
             return []
         parameters = self._on_path(position)
         found: dict[KnowledgeType, list[SqlRow]] | None = parameters.get("scheduled")
@@ -205,13 +249,9 @@ class Repository:
             found = parameters["scheduled"] = self._by_key(self._connection.all(statement, parameters))
         return self._standing(kind, [(*row[:2], *row[_VALUE:]) for row in found.get(kind, ())])
 
-    @cached_property
-    def _present(self) -> int:
-        """Which rows there are to be asked for; as true as the snapshot, as a writer adds rows last."""
-        return self.head().present
-
     def _has(self, kind: KnowledgeType) -> bool:
-        return bool(self._present >> kind & 1)
+        """Whether there are any assertions of a knowledge type to be asked for."""
+        return bool(self.head().present >> kind & 1)
 
     @cached_property
     def _levels(self) -> Any:
@@ -272,7 +312,7 @@ class Repository:
 
     def scheduled_objects(self, t: int) -> set[int]:
         """The INSTANCE timelines on which something lies ahead of `t`."""
-        if not self._present & PRESENT_SCHEDULES:
+        if not self.head().present & PRESENT_SCHEDULES:
             return set()
         parameters = {"kb": self._kb, "t": t, "kind": int(KnowledgeType.INSTANCE)}
         return {row[0] for row in self._connection.all(queries.ahead, parameters)}
@@ -339,7 +379,7 @@ class Repository:
 
     def due_between(self, after: int, upto: int) -> list[RecordedAssertion]:
         """What was scheduled, and took effect by the clock alone after a time and up to another."""
-        if not self._present & PRESENT_SCHEDULES:
+        if not self.head().present & PRESENT_SCHEDULES:
             return []
         keys = self._connection.all(queries.due, {"kb": self._kb, "after": after, "upto": upto})
         return [found for rows in self._by_key(keys).values() for found in self._recorded(rows)]

@@ -1,0 +1,177 @@
+"""Answers to single questions: remembered no longer than they are right, and read no further than they need."""
+
+import random
+from contextlib import suppress
+
+import pytest
+
+import kbstore
+from kbstore import KbStoreError, seconds
+from tests.conftest import START
+
+DOMAIN = """
+(define (domain house)
+  (:requirements :typing :fluents :derived-predicates :negative-preconditions)
+  (:types robot place room - place)
+  (:constants hall - place)
+  (:predicates (at ?r - robot ?p - place) (open ?p - place) (linked ?a ?b - place) (alarm) (reachable ?p - place))
+  (:functions (charge ?r - robot) (cost))
+  (:derived (reachable ?p - place) (exists (?q - place) (and (open ?q) (linked ?q ?p)))))
+"""
+QUESTIONS = (
+    "(open p0)",
+    "(not (open p1))",
+    "(and (at r0 p0) (or (open p0) (not (alarm))) (imply (alarm) (open p1)))",
+    "(>= (charge r0) 20)",
+    "(and (open p0) (< (+ (charge r0) (cost)) 60))",
+    "(exists (?p - place) (at r0 ?p))",
+    "(exists (?r - robot) (at ?r p1))",
+    "(exists (?p - place) (and (at r0 ?p) (open ?p)))",
+    "(forall (?p - room) (or (open ?p) (linked ?p hall)))",
+    "(at r0 ?)",
+    "(at ? p0)",
+    "(linked ? ?)",
+    "(reachable p1)",
+    "p1 - place",
+    "p1",
+)
+GOALS = ("(open p0)", "(not (alarm))", "(>= (charge r0) 5)", "(or (alarm) (open p0))")
+NUMBERS = ("(charge r0)", "(cost)", "(+ (charge r0) (* 2 (cost)))")
+
+
+def answers(kb):
+    """All that is asked, with what is refused as its error."""
+    found = [kb.truth(question) for question in QUESTIONS]
+    for number in NUMBERS:
+        try:
+            found.append(kb.value(number))
+        except KbStoreError as error:
+            found.append(type(error))
+    return found
+
+
+def write_something(kb, clock, chance):
+    """One more transaction, for now or for a little later."""
+    atoms = ("(open p0)", "(open p1)", "(alarm)", "(at r0 p0)", "(at r0 p1)", "(linked p0 p1)", "(linked p1 hall)")
+    later = {"initial_time": clock.now() + seconds(chance.randrange(1, 5))} if chance.random() < 0.4 else {}
+    match chance.randrange(8):
+        case 0:
+            kb.remove(chance.choice(atoms), **later)
+        case 1:
+            kb.add(f"(not {chance.choice(atoms)})", **later)
+        case 2:
+            kb.add(f"(= (charge r0) {chance.randrange(25)})", f"(= (cost) {chance.randrange(3)})", **later)
+        case 3:
+            kb.add(f"(increase (charge r0) (* #t {chance.choice((-3, 0, 5))}))")
+        case 4:
+            kb.add("(not (p1 - room))", **later)
+        case 5:
+            kb.add("p1 - room")
+        case _:
+            kb.add(chance.choice(atoms), **later)
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("unknowns", [False, True])
+def test_what_is_remembered_is_what_would_be_answered_anew(tmp_path, seed, unknowns):
+    """T3, C9, Q1: whoever writes, and whatever takes effect by the clock, a remembered answer is never an old one."""
+    chance = random.Random(seed)
+    clock = kbstore.ManualClock(START)
+    store = tmp_path / "store.db"
+    with (
+        kbstore.open(store, clock=clock, use_unknowns=unknowns) as kb,
+        kbstore.open(store, clock=clock) as other,
+        kbstore.open(store, clock=clock, cache=False) as forgetful,
+    ):
+        kb.load(DOMAIN)
+        kb.add("r0 - robot", "p0 - place", "p1 - room")
+        for _ in range(25):
+            # what is about an object that is not there just now is refused
+            with suppress(KbStoreError):
+                write_something(chance.choice((kb, other)), clock, chance)
+            for _ in range(chance.randrange(4)):
+                assert answers(kb) == answers(kb) == answers(forgetful)
+                clock.advance(chance.choice((1, seconds(1) - 1, seconds(1))))
+
+
+def test_the_parts_of_a_state_are_those_of_the_state(tmp_path):
+    """`instances`, `propositions`, `functions`, `goals` and `metric` at any time are what the state then has."""
+    chance = random.Random(7)
+    clock = kbstore.ManualClock(START)
+    with kbstore.open(tmp_path / "store.db", clock=clock) as kb:
+        kb.load(DOMAIN)
+        kb.add("r0 - robot", "p0 - place", "p1 - room")
+        for number in range(25):
+            with suppress(KbStoreError):
+                write_something(kb, clock, chance)
+            if number % 5 == 0:
+                kb.add_goal(chance.choice(GOALS))
+                kb.add_metric(chance.choice(("minimize (cost)", "maximize (charge r0)")))
+            clock.advance(seconds(chance.randrange(3)))
+            at = chance.choice((clock.now(), clock.now() + seconds(2), chance.randrange(START, clock.now() + 1)))
+            state = kb.state(at=at)
+            assert kb.instances(at=at) == state.instances
+            assert kb.instances("room", at=at) == [item for item in state.instances if item.instance_type == "room"]
+            assert kb.propositions(at=at) == state.facts
+            for name in ("at", "OPEN", "linked", "alarm"):
+                expected = [item for item in state.facts if item.attribute_name == name.lower()]
+                assert kb.propositions(name, at=at) == expected
+            assert kb.functions("charge", at=at) == [f for f in state.functions if f.attribute_name == "charge"]
+            assert kb.functions(at=at) == state.functions
+            assert kb.goals(at=at) == state.goals
+            assert kb.metric(at=at) == state.metric
+
+
+@pytest.fixture
+def large(tmp_path):
+    """A thousand facts, of which ten say where the robot has been; and all statements that are run."""
+    with kbstore.open(tmp_path / "store.db", clock=kbstore.ManualClock(START)) as kb:
+        kb.load(DOMAIN)
+        kb.add("r0 - robot", *(f"p{n} - place" for n in range(1000)))
+        kb.add("(at r0 p3)", *(f"(open p{n})" for n in range(1000)), *(f"(linked p{n} p{n + 1})" for n in range(10)))
+        statements = []
+        with kb._database.connect() as connection:
+            connection.driver.set_trace_callback(statements.append)
+        kb.holds("(alarm)")
+        statements.clear()
+        yield kb, statements
+
+
+WHOLE = "level"
+"""What only a statement has that reads all facts or objects at a time."""
+
+
+def test_the_whole_state_is_known_by_its_statement(large):
+    """What the following tests look for is there where everything is read."""
+    kb, statements = large
+    kb.state()
+    assert [text for text in statements if WHOLE in text and "facts" in text]
+
+
+@pytest.mark.parametrize(
+    ("question", "most"),
+    [
+        ("(exists (?p - place) (at r0 ?p))", 6),
+        ("(exists (?p - place) (and (at r0 ?p) (open ?p)))", 7),
+        ("(at r0 ?)", 6),
+        ("(linked ? p4)", 7),
+    ],
+)
+def test_a_bound_object_is_looked_up(large, question, most):
+    """What names an object reads by an index what mentions it: begin, head, a few look-ups, rollback."""
+    kb, statements = large
+    assert kb.holds(question)
+    reading = [text for text in statements if "data_version" not in text]
+    assert not [text for text in reading if WHOLE in text]
+    assert len(reading) <= most, reading
+    statements.clear()
+    assert kb.holds(question)
+    assert [text for text in statements if "data_version" not in text] == []
+
+
+@pytest.mark.parametrize("ask", [lambda kb: kb.propositions("at"), lambda kb: kb.goals(), lambda kb: kb.metric()])
+def test_a_part_of_the_state_is_read_by_itself(large, ask):
+    """A predicate of few facts, the goals and the metric are read without the rest."""
+    kb, statements = large
+    ask(kb)
+    assert not [text for text in statements if WHOLE in text and "facts" in text]
