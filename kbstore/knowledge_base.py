@@ -494,7 +494,7 @@ class KnowledgeBase:
             first, last = time(since, now), time(until, now)
             if last < first:
                 raise InvalidTime(f"until ({isoformat(last)}) is before since ({isoformat(first)}); give them in order")
-            return when_true(self._reader, self._history, repository, condition, first, last)
+            return when_true(self._reader, repository, condition, first, last)
 
     def diff(self, t1: TimeLike, t2: TimeLike) -> Diff:
         """What became true, became false, was withdrawn, and which numbers changed, from `t1` to `t2` (rule Q5)."""

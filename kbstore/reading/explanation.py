@@ -126,7 +126,7 @@ class Explainer:
         is_constant = isinstance(condition, formulas.Same | formulas.Truism)
         if state.belief is None and not is_constant:
             guess = state.at if since is None else since
-            turned = since_when(self._reader, self._history, repository, condition, truth, state.at, guess=guess)
+            turned = since_when(self._reader, repository, condition, truth, state.at, guess=guess)
             if turned == 0:
                 # whatever has been told of what decides it now
                 since = transaction = None
@@ -181,10 +181,9 @@ class Explainer:
         timeline = repository.find(Role.STATE, kind, [name]).get(name)
         if timeline is None:
             return ()
-        first = repository.latest_start(timeline, state.at)
-        rows = repository.history(kind, [timeline], first if state.belief is None else 0, state.at + 1)
+        rows = repository.history(kind, [timeline], state.at if state.belief is None else 0, state.at + 1)
         if state.belief is None:
-            known = [row for row in rows if row.cancelled is None]
+            known = [row for row in rows if row.cancelled is None and row.superseded is None]
         else:
             known = self._believed(repository, state.belief, rows)
         head = repository.head()
@@ -231,7 +230,7 @@ class Explainer:
             if row.timeline.kind is KnowledgeType.INSTANCE and row.value[0]:
                 reason = "removed"
         else:
-            number = self._history.ender(repository, row)
+            (number,) = self._history.enders(repository, [row])
             # an end by the clock alone, with nothing after it on the timeline, is the end of an object
             cause = EndCause.OBJECT if row.cause is None else EndCause(row.cause)
             reason, since = _ENDED[cause], row.end_time

@@ -1,14 +1,14 @@
 """The record of a knowledge base: histories of timelines, changes of transactions, what the clock brought about."""
 
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 from kbstore.clock import OPEN, TimeLike
 from kbstore.errors import UnknownSymbol
 from kbstore.messages import KnowledgeType
 from kbstore.model.results import Assertion, Assertions, Change, Transaction
 from kbstore.model.symbols import SymbolTable
-from kbstore.model.timelines import Role, Timeline
+from kbstore.model.timelines import Role
 from kbstore.reading.item_factory import ItemFactory
 from kbstore.reading.mentions import mentions
 from kbstore.reading.patterns import Pattern
@@ -20,9 +20,6 @@ from kbstore.storage.repository import Repository
 
 BATCH = 256
 """How many transactions `changes` reads at once."""
-
-_FEW = 32
-"""Up to this many timelines, each is read from where the span begins; more are read as a whole."""
 
 
 class History:
@@ -43,24 +40,11 @@ class History:
             wanted = Pattern(pattern, symbol_table)
             rows = [
                 row
-                for row in self.rows(repository, wanted.kind, wanted.timelines(repository), first, last)
+                for row in repository.history(wanted.kind, wanted.timelines(repository), first, last)
                 if wanted.matches_row(row) and _overlaps(row, first)
             ]
             rows.sort(key=_order)
             return Assertions(self.as_assertions(repository, rows, symbol_table))
-
-    def rows(
-        self, repository: Repository, kind: KnowledgeType, timelines: Sequence[Timeline], first: int, until: int
-    ) -> list[RecordedAssertion]:
-        """The rows of timelines from the one that stands at `first` on."""
-        if not timelines:
-            return []
-        if len(timelines) > _FEW or not first:
-            return repository.history(kind, timelines, 0, until)
-        rows: list[RecordedAssertion] = []
-        for timeline in timelines:
-            rows += repository.history(kind, [timeline], repository.latest_start(timeline, first), until)
-        return rows
 
     def _symbols(self, repository: Repository, now: TemporalPoint, pattern: Knowledge, until: int) -> SymbolTable:
         """The latest vocabulary that knows the pattern's symbol (rule D4)."""
@@ -85,13 +69,13 @@ class History:
         self, repository: Repository, rows: Sequence[RecordedAssertion], symbol_table: SymbolTable
     ) -> list[Assertion]:
         """Assertions with their transactions; ends that came by the clock with the transaction that scheduled them."""
-        ends = {index: self.ender(repository, row) for index, row in enumerate(rows)}
-        numbers = {row.recorded for row in rows} | {row.cancelled for row in rows} | set(ends.values())
+        ends = self.enders(repository, rows)
+        numbers = {row.recorded for row in rows} | {row.cancelled for row in rows} | set(ends)
         transactions = self.transactions(repository, {number for number in numbers if number is not None})
         reader = ItemFactory(symbol_table)
         found = []
-        for index, row in enumerate(rows):
-            ended, cancelled = ends[index], row.cancelled
+        for row, ended in zip(rows, ends, strict=True):
+            cancelled = row.cancelled
             found.append(
                 Assertion(
                     item=reader.item(row.timeline, row.initial_time, row.value, row.initial_time),
@@ -106,20 +90,38 @@ class History:
         return found
 
     @staticmethod
-    def ender(repository: Repository, row: RecordedAssertion) -> int | None:
-        """The transaction that ended a row, or scheduled what ends it."""
-        if row.ended is not None or row.cancelled is not None or row.end_time == OPEN:
-            return row.ended
-        kind, end = row.timeline.kind, row.end_time
+    def enders(repository: Repository, rows: Sequence[RecordedAssertion]) -> list[int | None]:
+        """For each row the transaction that ended it, or scheduled what ends it; None for one that has no end."""
+        by_clock = [row for row in rows if row.ended is None and row.cancelled is None and row.end_time != OPEN]
+        ends = {(row.timeline.id, row.end_time): (row.timeline, row.end_time) for row in by_clock}
         # of several that begin then, the first to take effect ended it: what was scheduled before what was told
-        followers = repository.history(kind, [row.timeline], end, end + 1)
-        numbers = [follower.recorded for follower in followers if follower.cancelled is None]
-        if numbers:
-            return min(numbers)
-        objects = repository.find(Role.STATE, KnowledgeType.INSTANCE, list(mentions(row.timeline, row.value)))
-        followers = repository.history(KnowledgeType.INSTANCE, list(objects.values()), end, end + 1)
-        gone = [follower.recorded for follower in followers if follower.value[0] and follower.cancelled is None]
-        return min(gone, default=None)
+        following: dict[tuple[int, int], int] = {}
+        for found in repository.beginning_at(ends.values()):
+            if found.cancelled is None:
+                end = found.timeline.id, found.initial_time
+                following[end] = min(found.recorded, following.get(end, found.recorded))
+        # else an object did
+        left = [row for row in by_clock if (row.timeline.id, row.end_time) not in following]
+        mentioned = {id(row): mentions(row.timeline, row.value) for row in left}
+        names = list(dict.fromkeys(name for found in mentioned.values() for name in found))
+        objects = repository.find(Role.STATE, KnowledgeType.INSTANCE, names) if names else {}
+        ends_of = dict.fromkeys((name, row.end_time) for row in left for name in mentioned[id(row)] if name in objects)
+        gone: dict[tuple[str, int], int] = {}
+        for found in repository.beginning_at((objects[name], t) for name, t in ends_of):
+            if found.cancelled is None and found.value[0]:
+                end_of = found.timeline.key, found.initial_time
+                gone[end_of] = min(found.recorded, gone.get(end_of, found.recorded))
+
+        def ender(row: RecordedAssertion) -> int | None:
+            if row.ended is not None or row.cancelled is not None or row.end_time == OPEN:
+                return row.ended
+            follower = following.get((row.timeline.id, row.end_time))
+            if follower is not None:
+                return follower
+            ended = [gone.get((name, row.end_time)) for name in mentioned[id(row)]]
+            return min((number for number in ended if number is not None), default=None)
+
+        return [ender(row) for row in rows]
 
     @staticmethod
     def transactions(repository: Repository, numbers: Iterable[int]) -> dict[int, Transaction]:
@@ -192,28 +194,41 @@ class History:
         due: dict[int, list[RecordedAssertion]] = defaultdict(list)
         for row in repository.due_between(after, upto):
             due[row.initial_time].append(row)
+        if not due:
+            return []
         symbol_table = self._reader.symbol_table(repository, head, LogPosition(head.time))
-        found = []
-        for t in sorted(due):
-            ended = self._ended_by_clock(repository, due[t], t)
-            asserted = self.as_assertions(repository, due[t], symbol_table)
-            found.append(
-                Change(last.number, last, asserted, self.as_assertions(repository, ended, symbol_table), [], t)
+        ended = self._ended_by_clock(repository, due)
+        rows = [row for t in due for row in (*due[t], *ended[t])]
+        assertions = dict(zip(map(id, rows), self.as_assertions(repository, rows, symbol_table), strict=True))
+        return [
+            Change(
+                last.number,
+                last,
+                [assertions[id(row)] for row in due[t]],
+                [assertions[id(row)] for row in ended[t]],
+                [],
+                t,
             )
-        return found
+            for t in sorted(due)
+        ]
 
+    @staticmethod
     def _ended_by_clock(
-        self, repository: Repository, due: Sequence[RecordedAssertion], t: int
-    ) -> list[RecordedAssertion]:
-        timelines = {row.timeline.id: row.timeline for row in due}
-        gone = [row.timeline.id for row in due if row.timeline.kind is KnowledgeType.INSTANCE and row.value[0]]
-        if gone:
-            timelines |= {timeline.id: timeline for timeline in repository.mentioning(gone)}
-        found: list[RecordedAssertion] = []
-        for timeline in timelines.values():
-            first = repository.latest_start(timeline, t - 1)
-            rows = repository.history(timeline.kind, [timeline], first, t)
-            found += [row for row in rows if row.end_time == t and row.ended is None and row.cancelled is None]
+        repository: Repository, due: Mapping[int, Sequence[RecordedAssertion]]
+    ) -> dict[int, list[RecordedAssertion]]:
+        """What ended as something took effect, by time: on its own timeline, or by the end of an object."""
+        points = {(row.timeline.id, t): (row.timeline, t) for t, rows in due.items() for row in rows}
+        gone: dict[int, set[str]] = {
+            t: {row.timeline.key for row in rows if row.timeline.kind is KnowledgeType.INSTANCE and row.value[0]}
+            for t, rows in due.items()
+        }
+        objects = {row.timeline.id for t, rows in due.items() for row in rows if row.timeline.key in gone[t]}
+        mentioning = repository.mentioning(list(objects)) if objects else []
+        points |= {(line.id, t): (line, t) for t, names in gone.items() if names for line in mentioning}
+        found: dict[int, list[RecordedAssertion]] = defaultdict(list)
+        for row in repository.latest_before(points.values()):
+            if row.ended is None and row.cancelled is None and (row.timeline.id, row.end_time) in points:
+                found[row.end_time].append(row)
         return found
 
 

@@ -23,7 +23,6 @@ from kbstore.model.timelines import Identity, Role, Timeline, Value, atom_key
 from kbstore.names import key
 from kbstore.pddl.printer import condition_text
 from kbstore.planning.simulator import Event
-from kbstore.reading.history import History
 from kbstore.reading.questions import Question
 from kbstore.reading.reader import Reader
 from kbstore.reading.resolver import TemporalPoint
@@ -43,7 +42,6 @@ class StoredTrajectory:
     def __init__(
         self,
         reader: Reader,
-        history: History,
         repository: Repository,
         now: TemporalPoint,
         span: Span,
@@ -53,7 +51,6 @@ class StoredTrajectory:
         self.domain = domain
         self.use_unknowns = reader.use_unknowns
         self._reader = reader
-        self._history = history
         self._repository = repository
         self._point = now
         self._pieces: dict[Identity, list[Piece]] = {}
@@ -146,8 +143,8 @@ class StoredTrajectory:
             return
         start, end = self.span
         by_timeline: dict[Identity, list[RecordedAssertion]] = defaultdict(list)
-        for row in self._history.rows(self._repository, missing[0].kind, missing, start, end):
-            if row.end_time > max(start, row.initial_time):
+        for row in self._repository.history(missing[0].kind, missing, start, end):
+            if row.superseded is None and row.end_time > max(start, row.initial_time):
                 by_timeline[row.timeline.identity].append(row)
         for timeline in missing:
             rows = sorted(by_timeline[timeline.identity], key=lambda row: row.initial_time)
@@ -194,9 +191,7 @@ class StoredTrajectory:
         return found
 
 
-def when_true(
-    reader: Reader, history: History, repository: Repository, condition: Question, since: int, until: int
-) -> Intervals:
+def when_true(reader: Reader, repository: Repository, condition: Question, since: int, until: int) -> Intervals:
     """Return the maximal intervals in ``[since, until)`` in which a condition is true (rule Q4).
 
     Each version of the domain counts for its part of the span; a symbol must be known to one of them (rule D4), and
@@ -213,13 +208,13 @@ def when_true(
         if domain is not checked:
             with suppress(UnknownSymbol):
                 check(formula, domain)
-        trajectory = StoredTrajectory(reader, history, repository, now, (start, end), symbol_table.domain)
+        trajectory = StoredTrajectory(reader, repository, now, (start, end), symbol_table.domain)
         found += intervals(formula, trajectory)
     return merged(found)
 
 
 def since_when(
-    reader: Reader, history: History, repository: Repository, condition: Formula, truth: Truth, at: int, *, guess: int
+    reader: Reader, repository: Repository, condition: Formula, truth: Truth, at: int, *, guess: int
 ) -> int | None:
     """Since when a condition has been without interruption what it is at a time.
 
@@ -233,7 +228,7 @@ def since_when(
     while True:
         first = max(begin, at - length)
         try:
-            since = _since_within(reader, history, repository, condition, truth, (first, at + 1))
+            since = _since_within(reader, repository, condition, truth, (first, at + 1))
         except (NotLinear, InvalidKnowledge):
             return None
         if since > first:
@@ -245,14 +240,12 @@ def since_when(
         length *= 32
 
 
-def _since_within(
-    reader: Reader, history: History, repository: Repository, condition: Formula, truth: Truth, span: Span
-) -> int:
+def _since_within(reader: Reader, repository: Repository, condition: Formula, truth: Truth, span: Span) -> int:
     """Since when a condition has been what it is at the end of a span, at the earliest since the span's start."""
     first, at = span[0], span[1] - 1
 
     def true_in(condition: Formula) -> Intervals:
-        return when_true(reader, history, repository, condition, *span)
+        return when_true(reader, repository, condition, *span)
 
     if truth is Truth.UNKNOWN:
         known = [*true_in(condition), *true_in(Not(condition))]

@@ -221,14 +221,6 @@ class AssertionQueries:
         return Statement(after.order_by(columns.initial_time).limit(constant(1)))
 
     @cached_property
-    def latest_start(self) -> Statement:
-        """When the latest row of a timeline that begins no later than :t begins; 0 if there is none."""
-        columns = self._columns
-        on_timeline = self._on_timeline(columns, columns.timeline_id == parameter("timeline"))
-        latest = on_timeline.where(columns.initial_time <= parameter("t"))
-        return Statement(latest.with_only_columns(_greatest(columns.initial_time)))
-
-    @cached_property
     def live(self) -> Statement:
         """For each timeline the latest row that begins no later than :t, ended or not, and all that lie ahead of :t.
 
@@ -266,17 +258,72 @@ class AssertionQueries:
 
     @cached_property
     def history(self) -> Statement:
-        """All rows of some timelines that begin in [:first, :until), retired ones included."""
+        """The rows of some timelines from the latest that begins no later than :first on, up to :until.
+
+        Of those that do not count now all that begin before :until: cancelled and superseded ones, and those that ended
+        as they began.
+        """
+        columns, other = self._columns, self._table.alias("latest").c
+
+        def rows(dialect: str) -> Any:
+            ids, id, _ = each(dialect, "ids")
+            latest = self._on_timeline(other, other.timeline_id == id).where(other.initial_time <= parameter("first"))
+            first = latest.with_only_columns(_greatest(other.initial_time)).correlate(ids).scalar_subquery()
+            known = self._for_each(
+                dialect,
+                ids,
+                self._recorded,
+                None,
+                columns.timeline_id == id,
+                columns.retired_tx.is_(None),
+                columns.initial_time >= first,
+                columns.initial_time < parameter("until"),
+            )
+            retired = select(*self._recorded).where(
+                columns.kb_id == KB,
+                among(columns.timeline_id, "ids"),
+                columns.retired_tx.is_not(None),
+                columns.initial_time < parameter("until"),
+            )
+            return sa.union_all(known, retired)
+
+        return Statement(rows)
+
+    @cached_property
+    def beginning(self) -> Statement:
+        """The rows that begin on a timeline at a time, for each pair of these."""
         columns = self._columns
-        begun = select(*self._recorded).where(
-            columns.kb_id == KB,
-            among(columns.timeline_id, "ids"),
-            columns.initial_time >= parameter("first"),
-            columns.initial_time < parameter("until"),
-        )
-        return Statement(
-            sa.union_all(begun.where(columns.retired_tx.is_(None)), begun.where(columns.retired_tx.is_not(None)))
-        )
+
+        def rows(dialect: str) -> Any:
+            pairs, id, t = each_pair(dialect, "pairs")
+            on = (columns.timeline_id == id, columns.initial_time == t)
+            return sa.union_all(
+                self._for_each(dialect, pairs, self._recorded, None, *on, columns.retired_tx.is_(None)),
+                self._for_each(dialect, pairs, self._recorded, None, *on, columns.retired_tx.is_not(None)),
+            )
+
+        return Statement(rows)
+
+    @cached_property
+    def latest_before(self) -> Statement:
+        """The latest row known now that begins on a timeline before a time, for each pair of these."""
+        columns, other = self._columns, self._table.alias("latest").c
+
+        def rows(dialect: str) -> Any:
+            pairs, id, t = each_pair(dialect, "pairs")
+            latest = self._on_timeline(other, other.timeline_id == id).where(other.initial_time < t)
+            start = latest.with_only_columns(sa.func.max(other.initial_time)).correlate(pairs).scalar_subquery()
+            return self._for_each(
+                dialect,
+                pairs,
+                self._recorded,
+                None,
+                columns.timeline_id == id,
+                columns.retired_tx.is_(None),
+                columns.initial_time == start,
+            )
+
+        return Statement(rows)
 
     # -- the record ---------------------------------------------------------------------------------------------
 

@@ -2,7 +2,7 @@
 
 import json
 from collections import defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -11,7 +11,7 @@ from kbstore.clock import OPEN
 from kbstore.messages import KnowledgeType
 from kbstore.model.timelines import LONGEST_KEY, Role, Timeline, stored_key
 from kbstore.storage import queries
-from kbstore.storage.assertion_queries import for_kind
+from kbstore.storage.assertion_queries import AssertionQueries, for_kind
 from kbstore.storage.connection import SqlRow, StoreConnection
 from kbstore.storage.interval_tree import EMPTY_LEVEL, LEVELS, path, ranges, superseded
 from kbstore.storage.recorder import Recorder
@@ -26,6 +26,7 @@ from kbstore.storage.records import (
     StoredPoint,
     TransactionRows,
 )
+from kbstore.storage.statements import Statement
 from kbstore.storage.tables import PRESENT_SCHEDULES
 
 _LAST_KEY = "\U0010ffff"
@@ -346,16 +347,36 @@ class Repository:
     def history(
         self, kind: KnowledgeType, timelines: Sequence[Timeline], first: int, until: int
     ) -> list[RecordedAssertion]:
-        """The rows of some timelines that begin in ``[first, until)``, also cancelled ones and those of no length."""
+        """The rows of some timelines from the one that holds at `first` on, up to `until`.
+
+        With all that begin before `until` and do not count now: cancelled and superseded ones, and those that ended as
+        they began.
+        """
+        if not timelines:
+            return []
         ids = self._connection.array([timeline.id for timeline in timelines])
         parameters = {"kb": self._kb, "ids": ids, "first": first, "until": until}
         return self._recorded(self._connection.all(for_kind[kind].history, parameters))
 
-    def latest_start(self, timeline: Timeline, t: int) -> int:
-        """When the latest row of a timeline that begins no later than `t` begins; 0 if there is none."""
-        parameters = {"kb": self._kb, "timeline": timeline.id, "t": t}
-        row = self._connection.first(for_kind[timeline.kind].latest_start, parameters)
-        return 0 if row is None else int(row[0])
+    def beginning_at(self, points: Iterable[tuple[Timeline, int]]) -> list[RecordedAssertion]:
+        """The rows that begin on timelines at the times that are given with them."""
+        return self._of_pairs(points, lambda statements: statements.beginning)
+
+    def latest_before(self, points: Iterable[tuple[Timeline, int]]) -> list[RecordedAssertion]:
+        """For each timeline the latest row that counts now and begins before the time that is given with it."""
+        return self._of_pairs(points, lambda statements: statements.latest_before)
+
+    def _of_pairs(
+        self, points: Iterable[tuple[Timeline, int]], statement: Callable[[AssertionQueries], Statement]
+    ) -> list[RecordedAssertion]:
+        pairs: dict[KnowledgeType, list[tuple[int, int]]] = defaultdict(list)
+        for timeline, t in points:
+            pairs[timeline.kind].append((timeline.id, t))
+        found: list[RecordedAssertion] = []
+        for kind, wanted in pairs.items():
+            parameters = {"kb": self._kb, "pairs": json.dumps(wanted)}
+            found += self._recorded(self._connection.all(statement(for_kind[kind]), parameters))
+        return found
 
     def changes_between(self, after: int, upto: int) -> TransactionRows:
         """What the transactions after a number and up to another recorded, ended, cancelled and superseded."""

@@ -5,7 +5,7 @@ from itertools import pairwise
 
 from kbstore import names
 from kbstore.clock import isoformat
-from kbstore.messages import Instance, KnowledgeType
+from kbstore.messages import Instance
 from kbstore.model.timelines import EndCause
 from kbstore.names import is_wildcard, key
 from kbstore.storage.repository import Repository
@@ -90,10 +90,9 @@ class ObjectHandlers:
         """The type with which an object existed until exactly now, if it did."""
         latest = state.latest
         if latest is not None and latest.initial_time == self._now:
-            start = self._repository.latest_start(state.timeline, self._now - 1)
-            rows = self._repository.history(KnowledgeType.INSTANCE, [state.timeline], start, self._now)
-            kept = [row for row in rows if row.end_time == self._now and row.initial_time < self._now]
-            return None if not kept or kept[-1].value[0] else str(kept[-1].value[1])
+            before = self._repository.latest_before([(state.timeline, self._now)])
+            kept = [row for row in before if row.end_time == self._now]
+            return None if not kept or kept[0].value[0] else str(kept[0].value[1])
         if latest is None or latest.value[0]:
             return None
         ends_now = latest.end_time == self._now or (latest.end_time > self._now and state.value is None)

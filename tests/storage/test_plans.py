@@ -85,6 +85,7 @@ def values_of(statement, as_array):
         values |= {"first": "p1", "last": "p1!"}
     if "json_extract" in statement.sqlite:
         values["keys"] = json.dumps(KEYS)
+        values["pairs"] = json.dumps([[TIMELINE, T], [TIMELINE + 4, T + 1]])
     return values
 
 
