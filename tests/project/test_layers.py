@@ -35,6 +35,7 @@ MOST_LEVELS = 15
 LONGEST = 400
 LONG = {
     "kbstore/knowledge_base.py": "the public interface of a knowledge base: one short method for each question",
+    "kbstore/storage/assertion_queries.py": "every statement about assertions, to be reviewed at one sitting",
     "kbstore/storage/repository.py": "all that is asked of the store: one short method for each question",
 }
 """Modules of more lines, each with why it is not split."""
