@@ -87,11 +87,11 @@ def evaluate(
     for effect, bindings in _triggered(ground, timing, world, duration, remembered):
         match effect:
             case Delete(atom):
-                deletes[_grounded(atom, bindings, ground)] = None
+                deletes[grounded_atom(atom, bindings, ground)] = None
             case Add(atom):
-                adds[_grounded(atom, bindings, ground)] = None
+                adds[grounded_atom(atom, bindings, ground)] = None
             case NumericEffect(operation, term, value):
-                function = _grounded(term, bindings, ground)
+                function = grounded_atom(term, bindings, ground)
                 operand = expressions.evaluate(value, world, bindings, duration=duration)
                 if operation is AssignOp.ASSIGN_CTS:
                     rates[function] = _finite(rates.get(function, 0.0) + operand, "rate", function, ground)
@@ -172,12 +172,12 @@ def lacking(
     for effect, bindings in _triggered(ground, timing, world, duration, remembered):
         if not isinstance(effect, NumericEffect):
             continue
-        value = tuple(_grounded(t, bindings, ground) if isinstance(t, Atom) else t for t in effect.value)
+        value = tuple(grounded_atom(t, bindings, ground) if isinstance(t, Atom) else t for t in effect.value)
         missing = without_value(value, world, duration=duration)
         if effect.operation is AssignOp.SCALE_DOWN and not missing:
             missing = without_value((Operator.DIV, 1.0, *value), world, duration=duration)
         if effect.operation is not AssignOp.ASSIGN:
-            function = _grounded(effect.function, bindings, ground)
+            function = grounded_atom(effect.function, bindings, ground)
             missing += without_value((function,), world)
         needs.update(dict.fromkeys(missing))
     return list(needs)
@@ -297,7 +297,8 @@ def _triggered(
                 yield effect, bindings
 
 
-def _grounded(atom: Atom, bindings: Mapping[str, str], ground: GroundAction) -> Atom:
+def grounded_atom(atom: Atom, bindings: Mapping[str, str], ground: GroundAction) -> Atom:
+    """An atom of an effect with objects for its variables; names are keys."""
     return Atom(key(atom.name), tuple(_object(argument, bindings, ground) for argument in atom.arguments))
 
 

@@ -1,11 +1,12 @@
-"""What is expected to come: the state at one moment, played forward through what is scheduled and what runs.
+"""Plays the state at one time forward, through what is scheduled and what runs.
 
-This is how a question about a time after now, or after the moment of a belief, is answered (rules Q2, O3): what was
-pending takes effect in order, objects take with them what mentions them, and each action that runs has its at-end
-effects at its expected end. Nothing of it is stored.
+This is how a question about a time after now, or after `as_of`, is answered (rules Q2, O3): what was pending takes
+effect in order, objects take with them what mentions them, each action that runs has its at-end effects at its expected
+end, and numbers move at rates that follow what they read (O5). Nothing of it is stored. A writer plays forward what is
+scheduled alone (`recorded`), to store the rates that follow from it.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 from kbstore.errors import KbStoreError
@@ -18,17 +19,9 @@ from kbstore.model.timelines import Identity, Role, Timeline, Value, number_at
 from kbstore.names import key
 from kbstore.planning import effects
 from kbstore.planning.grounding import ground
-from kbstore.planning.start_conditions import NOTHING, Remembered
+from kbstore.planning.rates import RunningAction, is_moving, rates, value_at_end
 
 Mentions = Callable[[Timeline, Value], Sequence[str]]
-
-
-class RunningAction(NamedTuple):
-    """A run, what it adds to the rates of functions, per second, and what its at-end effects remember of its start."""
-
-    run: Run
-    rates: tuple[tuple[Timeline, float], ...]
-    remembered: Remembered = NOTHING
 
 
 class Event(NamedTuple):
@@ -43,8 +36,21 @@ class Event(NamedTuple):
     run: Run | None = None
 
 
+def moving_functions(rows: Iterable[StateRow]) -> set[Atom]:
+    """The functions that have a rate of their own in some rows."""
+    return {
+        Atom(timeline.keys[0], timeline.keys[1:])
+        for timeline, _, value in rows
+        if timeline.kind is KnowledgeType.FUNCTION and value[2]
+    }
+
+
 class Simulator:
-    """Plays a state forward. `start` is the moment of the belief; what was expected to end by then is late."""
+    """Plays a state forward from `start`; what was expected to end by then is late.
+
+    With `recorded` it plays what will be recorded without another transaction: what is scheduled, but neither expected
+    ends nor what is sensed (rules O5, O8). `added` is what runs added to rates until `start`, where that is known.
+    """
 
     def __init__(
         self,
@@ -56,6 +62,8 @@ class Simulator:
         domain: Domain | None,
         use_unknowns: bool,
         mentions: Mentions,
+        recorded: bool = False,
+        added: Mapping[Atom, float | None] | None = None,
     ) -> None:
         self.running = list(running)
         self._start = start
@@ -65,7 +73,11 @@ class Simulator:
         self._domain = domain
         self._use_unknowns = use_unknowns
         self._mentions = mentions
+        self._recorded = recorded
         self._now = start
+        self._added = added
+        """What runs adds to the rates of functions; None before these are first computed."""
+        self._is_first = True
 
     @property
     def rows(self) -> list[StateRow]:
@@ -74,17 +86,23 @@ class Simulator:
 
     def advance(self, until: int) -> Iterator[Event]:
         """Play forward to a time, inclusive; yields what changes, in order."""
+        if self._is_first:
+            self._is_first = False
+            yield from self._follow()
         while True:
             due = [row[1] for row in self._pending[:1]]
-            due += [entry.run.expected_end for entry in self.running if entry.run.expected_end > self._start]
+            if not self._recorded:
+                due += [entry.run.expected_end for entry in self.running if entry.run.expected_end > self._start]
             if not due or min(due) > until:
                 return
             self._now = min(due)
             while self._pending and self._pending[0][1] == self._now:
                 yield from self._take_effect(*self._pending.pop(0))
-            for entry in [entry for entry in self.running if entry.run.expected_end == self._now]:
-                if entry in self.running:
-                    yield from self._end(entry)
+            yield from self._follow()
+            if not self._recorded:
+                for entry in [entry for entry in self.running if entry.run.expected_end == self._now]:
+                    if entry in self.running:
+                        yield from self._end(entry)
 
     def _take_effect(self, timeline: Timeline, initial_time: int, value: Value) -> Iterator[Event]:
         if timeline.kind is KnowledgeType.FUNCTION:
@@ -98,25 +116,71 @@ class Simulator:
                 if name in self._mentions(mentioning, stands):
                     del self._standing[mentioning.identity]
                     yield Event(self._now, mentioning, None)
-            for entry in [entry for entry in self.running if name in map(key, entry.run.arguments)]:
-                yield from self._stop(entry)
+            if not self._recorded:
+                for entry in [entry for entry in self.running if name in map(key, entry.run.arguments)]:
+                    yield from self._stop(entry)
 
     def _put(self, timeline: Timeline, value: Value, run: Run | None = None) -> Event:
         self._standing[timeline.identity] = (timeline, self._now, value)
         return Event(self._now, timeline, value, run)
 
+    # -- rates ------------------------------------------------------------------------------------------------
+
+    def _follow(self, run: Run | None = None) -> Iterator[Event]:
+        """Compute the rates of what runs anew; what moves at another rate than before goes on from its value.
+
+        Where a rate has no value any more, the function becomes undefined until it is set (rule O5).
+        """
+        if not self._added and not any(is_moving(entry.run.operator, self._domain) for entry in self.running):
+            return
+        before, self._added = self._added, rates(self.running, self._snapshot(), self.moving())
+        for function in {**(before or {}), **self._added}:
+            row = self._standing.get(Identity(Role.STATE, KnowledgeType.FUNCTION, _key(function)))
+            if row is None or (self._recorded and self._is_sensed(function)):
+                continue
+            timeline, since, value = row
+            added = self._added.get(function, 0.0)
+            if added is None and before is not None and before.get(function, 0.0) is not None:
+                del self._standing[timeline.identity]
+                yield Event(self._now, timeline, None, run)
+            elif value[3] != value[2] + (added or 0.0):
+                number = number_at(value, since, self._now)
+                yield self._put(timeline, (False, number, value[2], value[2] + (added or 0.0)), run)
+
+    def moving(self) -> set[Atom]:
+        """The functions with a rate of their own, now or scheduled."""
+        return moving_functions((*self._standing.values(), *self._pending))
+
+    def _is_sensed(self, function: Atom) -> bool:
+        return self._domain is not None and function.name in self._domain.sensed
+
+    def _with_rate(self, timeline: Timeline, value: Value) -> Value:
+        function = Atom(timeline.keys[0], timeline.keys[1:])
+        if self._recorded and self._is_sensed(function):
+            return (*value[:3], value[2])
+        return (*value[:3], value[2] + ((self._added or {}).get(function) or 0.0))
+
+    def _snapshot(self) -> Snapshot:
+        return Snapshot(self._now, self.rows, self._domain, self._use_unknowns)
+
     # -- runs -------------------------------------------------------------------------------------------------
 
     def _end(self, entry: RunningAction) -> Iterator[Event]:
-        """The at-end effects of a run at its expected end, on the state expected then."""
-        run = entry.run
-        try:
-            changes = list(self._end_effects(entry))
-        except KbStoreError:
-            # what cannot be carried out then is not expected to be; the action is expected to be aborted
-            changes = []
+        """The at-end effects of a run at its expected end, on the state expected then.
+
+        What cannot be carried out then is not expected to be: the action is expected to be aborted.
+        """
         yield from self._stop(entry)
-        for timeline, value in changes:
+        before = dict(self._standing)
+        try:
+            events = [*self._carry_out(entry), *self._follow(entry.run)]
+        except KbStoreError:
+            self._standing = before
+            events = list(self._follow(entry.run))
+        yield from events
+
+    def _carry_out(self, entry: RunningAction) -> Iterator[Event]:
+        for timeline, value in list(self._end_effects(entry)):
             row = self._standing.get(timeline.identity)
             if timeline.kind is KnowledgeType.FACT and row is not None and value == row[2]:
                 # what holds already does not change (rule C2)
@@ -124,14 +188,14 @@ class Simulator:
             if value is not None:
                 if timeline.kind is KnowledgeType.FUNCTION:
                     value = self._with_rate(timeline, value)  # noqa: PLW2901 - with what still runs
-                yield self._put(timeline, value, run)
+                yield self._put(timeline, value, entry.run)
             elif self._standing.pop(timeline.identity, None) is not None:
-                yield Event(self._now, timeline, None, run)
+                yield Event(self._now, timeline, None, entry.run)
 
     def _end_effects(self, entry: RunningAction) -> Iterator[tuple[Timeline, Value | None]]:
         assert self._domain is not None
         run = entry.run
-        world = Snapshot(self._now, self.rows, self._domain, self._use_unknowns)
+        world = self._snapshot()
         action = ground(self._domain, run.operator, run.arguments, world)
         at_end = effects.evaluate(action, Timing.AT_END, world, duration=run.seconds, remembered=entry.remembered)
 
@@ -161,20 +225,21 @@ class Simulator:
         return self._standing[Identity(Role.STATE, KnowledgeType.INSTANCE, name)][0].spelling
 
     def _stop(self, entry: RunningAction) -> Iterator[Event]:
-        """A run's contributions to rates end; the functions that it moved move on without them."""
+        """A run's contributions to rates end; the functions that it moved go on without them."""
+        last = rates([entry], self._snapshot()) if is_moving(entry.run.operator, self._domain) else {}
         self.running.remove(entry)
-        for timeline, _ in entry.rates:
-            row = self._standing.get(timeline.identity)
-            if row is not None:
-                number = number_at(row[2], row[1], self._now)
-                value = self._with_rate(timeline, (False, number, row[2][2], 0.0))
-                yield self._put(timeline, value, entry.run)
+        if self._now == entry.run.expected_end:
+            for function, added in last.items():
+                row = self._standing.get(Identity(Role.STATE, KnowledgeType.FUNCTION, _key(function)))
+                if row is not None:
+                    timeline, since, value = row
+                    number = value_at_end(value, since, added or 0.0, entry.run)
+                    self._standing[timeline.identity] = (timeline, self._now, (False, number, *value[2:]))
+        yield from self._follow(entry.run)
 
-    def _with_rate(self, timeline: Timeline, value: Value) -> Value:
-        rate = value[2]
-        for entry in self.running:
-            rate += sum(added for moved, added in entry.rates if moved.identity == timeline.identity)
-        return (*value[:3], rate)
+
+def _key(function: Atom) -> str:
+    return " ".join((function.name, *function.arguments))
 
 
 def _is_end(row: StateRow) -> bool:

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
 from kbstore.caches import ASSERTIONS, LRU, TIMELINES
-from kbstore.clock import Clock
+from kbstore.clock import SECOND, Clock
 from kbstore.evaluation.snapshot import Snapshot, StateRow
 from kbstore.messages import Condition, KnowledgeItem, KnowledgeType
 from kbstore.model.domain import Domain
@@ -12,7 +12,8 @@ from kbstore.model.results import Explanation, Run
 from kbstore.model.symbols import SymbolTable
 from kbstore.model.timelines import Role
 from kbstore.names import key
-from kbstore.planning.simulator import RunningAction, Simulator
+from kbstore.planning.rates import RunningAction
+from kbstore.planning.simulator import Simulator
 from kbstore.reading.domains import DomainVersions
 from kbstore.reading.item_factory import ItemFactory
 from kbstore.reading.lazy_state import LazyState
@@ -158,8 +159,9 @@ class Reader:
 
 def as_running(row: RunRow) -> RunningAction:
     """A stored run, as the state knows it."""
-    run = Run(row.operator, row.arguments, row.started, row.duration, row.number)
-    return RunningAction(run, row.rates, row.remembered)
+    exact = None if row.duration_s == row.duration / SECOND else row.duration_s
+    run = Run(row.operator, row.arguments, row.started, row.duration, row.number, exact, row.forced)
+    return RunningAction(run, row.remembered)
 
 
 def _all_kinds(read: Callable[[KnowledgeType, LogPosition], Sequence[StateRow]], at: LogPosition) -> list[StateRow]:

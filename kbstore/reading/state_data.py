@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from kbstore.evaluation.snapshot import Snapshot, StateRow
-from kbstore.planning.simulator import RunningAction
+from kbstore.planning.rates import RunningAction
 
 
 @dataclass(frozen=True, slots=True)

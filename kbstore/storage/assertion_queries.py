@@ -224,21 +224,15 @@ class AssertionQueries:
     def live(self) -> Statement:
         """For each timeline the latest row that begins no later than :t, ended or not, and all that lie ahead of :t.
 
-        Those that lie ahead with when they were recorded.
+        Those that lie ahead with when they were recorded, and whether they are derived.
         """
         columns, other = self._columns, self._table.alias("latest").c
-        recorded_time = (
-            select(_schedules.recorded_time)
-            .where(
-                _schedules.kb_id == KB,
-                _schedules.recorded_tx == columns.recorded_tx,
-                _schedules.seq == columns.seq,
-            )
-            .correlate(self._table)
-            .scalar_subquery()
-        )
         stored = [columns[name] for name in ("timeline_id", "recorded_tx", "seq", "initial_time", "end_time")]
-        scheduled = sa.case((columns.initial_time > parameter("t"), recorded_time))
+        ahead = columns.initial_time > parameter("t")
+        scheduled = [
+            sa.case((ahead, self._scheduled(column))).label(column.name)
+            for column in (_schedules.recorded_time, _schedules.is_derived)
+        ]
 
         def rows(dialect: str) -> Any:
             ids, id, _ = each(dialect, "ids")
@@ -247,7 +241,7 @@ class AssertionQueries:
             return self._for_each(
                 dialect,
                 ids,
-                [*stored, scheduled.label("recorded_time"), *self._value],
+                [*stored, *scheduled, *self._value],
                 None,
                 columns.timeline_id == id,
                 columns.retired_tx.is_(None),
@@ -255,6 +249,20 @@ class AssertionQueries:
             )
 
         return Statement(rows)
+
+    def _scheduled(self, column: Any) -> Any:
+        """A column of what `schedules` has about a row."""
+        columns = self._columns
+        return (
+            select(column)
+            .where(
+                _schedules.kb_id == KB,
+                _schedules.recorded_tx == columns.recorded_tx,
+                _schedules.seq == columns.seq,
+            )
+            .correlate(self._table)
+            .scalar_subquery()
+        )
 
     @cached_property
     def history(self) -> Statement:
@@ -332,6 +340,9 @@ class AssertionQueries:
         """The rows that the transactions after :after and up to :upto recorded, in their order."""
         columns = self._columns
         rows = select(*self._recorded).where(columns.kb_id == KB, between(columns.recorded_tx))
+        if self._table is tables.functions:
+            # what is derived comes by the clock
+            rows = rows.where(sa.func.coalesce(self._scheduled(_schedules.is_derived), sa.false()).is_(False))
         return Statement(rows.order_by(columns.recorded_tx, columns.seq))
 
     @cached_property
@@ -395,6 +406,11 @@ class AssertionQueries:
     def empty(self) -> Batch:
         """End a row at the time at which it began."""
         return self._update("end_time", "level", "ended_tx", "end_cause", "retired_tx")
+
+    @cached_property
+    def delete(self) -> Batch:
+        """Delete what is derived and ahead."""
+        return Batch.deleting(self._table, key=ROW)
 
     @cached_property
     def cancel(self) -> Batch:

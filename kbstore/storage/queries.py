@@ -16,7 +16,7 @@ from kbstore.storage.statements import KB, Batch, Statement, among, between, con
 
 _directory, _heads, _transactions = tables.knowledge_bases.c, tables.heads.c, tables.transactions.c
 _domains, _symbols, _timelines, _mentions = tables.domains.c, tables.symbols.c, tables.timelines.c, tables.mentions.c
-_schedules, _revisions, _runs, _rates = tables.schedules.c, tables.revisions.c, tables.runs.c, tables.run_rates.c
+_schedules, _revisions, _runs = tables.schedules.c, tables.revisions.c, tables.runs.c
 
 # -- the directory --------------------------------------------------------------------------------------------
 
@@ -205,6 +205,13 @@ next_due = Statement(
 )
 """When the next row that was scheduled begins after :t, cancelled ones included."""
 
+derived_ahead = Statement(
+    select(_schedules.timeline_id).where(
+        _schedules.kb_id == KB, _schedules.initial_time > parameter("t"), _schedules.is_derived.is_(True)
+    )
+)
+"""The timelines of functions for which a rate has been derived from a time after :t on."""
+
 revised = Statement(
     select(_revisions.knowledge_type, _revisions.recorded_tx, _revisions.seq)
     .where(_revisions.kb_id == KB, between(_revisions.tx), _revisions.what.in_([constant(what) for what in (1, 2, 3)]))
@@ -216,12 +223,22 @@ add_schedule = Batch.adding(tables.schedules)
 
 cancel_schedule = Batch.changing(tables.schedules, "until_time", "node", key=ROW)
 
+delete_schedule = Batch.deleting(tables.schedules, key=ROW)
+"""Of an assertion that is derived, and ahead."""
+
 add_revision = Batch.adding(tables.revisions)
 
 # -- runs -----------------------------------------------------------------------------------------------------
 
 _run = select(
-    _runs.number, _runs.operator, _runs.arguments, _runs.initial_time, _runs.duration, _runs.remembered
+    _runs.number,
+    _runs.operator,
+    _runs.arguments,
+    _runs.initial_time,
+    _runs.duration,
+    _runs.duration_s,
+    _runs.remembered,
+    _runs.forced,
 ).where(_runs.kb_id == KB, _runs.initial_time <= parameter("t"))
 _closed_run = _run.with_hint(tables.runs, "INDEXED BY ix_runs_node", "sqlite").where(
     among(_runs.node, "path"), _runs.end_time > parameter("t")
@@ -240,14 +257,6 @@ running_as_of = Statement(
     )
 )
 
-run_rates = Statement(
-    select(_rates.run_number, _rates.timeline_id, _rates.rate)
-    .where(_rates.kb_id == KB, among(_rates.run_number, "numbers"))
-    .order_by(_rates.run_number)
-)
-
 add_run = Batch.adding(tables.runs)
-
-add_run_rate = Batch.adding(tables.run_rates)
 
 end_run = Batch.changing(tables.runs, "end_time", "ended_tx", "node", "outcome", key={"kb_id": "kb", "number": "run"})

@@ -4,9 +4,9 @@ import secrets
 from collections.abc import Sequence
 from typing import Any
 
-from kbstore.clock import OPEN, SECOND
+from kbstore.clock import OPEN
 from kbstore.messages import KnowledgeType
-from kbstore.model.timelines import Timeline, stored_key
+from kbstore.model.timelines import Timeline, Value, stored_key
 from kbstore.storage import queries
 from kbstore.storage.assertion_queries import HEAD_COLUMNS, for_kind
 from kbstore.storage.connection import StoreConnection
@@ -95,21 +95,28 @@ class Recorder:
                 settled.append((end, level(row.initial_time, end), kb, row.recorded_tx, row.seq))
                 self._revise(kind, row, Revision.SETTLED)
             connection.many(for_kind[kind].settle, settled)
+        underived = [(kb, row.recorded_tx, row.seq) for row in changes.underived]
+        connection.many(for_kind[KnowledgeType.FUNCTION].delete, underived)
+        connection.many(queries.delete_schedule, underived)
         connection.many(queries.settle_rate, [(rate, kb, row.recorded_tx, row.seq) for row, rate in changes.rates])
 
     def _add_assertions(self, changes: RowChanges) -> None:
-        kb, number, now = self._kb, self._number, self._now
         seq = 0
-        for kind, added in changes.adds.items():
-            rows = []
-            for timeline, start, end, value in added:
-                rows.append((kb, seq, number, timeline.id, start, end, level(start, end), *value))
-                if start > now:
-                    self._schedules.append(
-                        (kb, seq, number, timeline.id, now, start, start, node(now, start), int(kind), False)
-                    )
-                seq += 1
-            self._connection.many(for_kind[kind].add, rows)
+        derived = {KnowledgeType.FUNCTION: changes.derived} if changes.derived else {}
+        for is_derived, by_kind in ((False, changes.adds), (True, derived)):
+            for kind, added in by_kind.items():
+                rows = [self._row(kind, seq + place, is_derived, *new) for place, new in enumerate(added)]
+                seq += len(rows)
+                self._connection.many(for_kind[kind].add, rows)
+
+    def _row(
+        self, kind: KnowledgeType, seq: int, is_derived: bool, timeline: Timeline, start: int, end: int, value: Value
+    ) -> Sequence[Any]:
+        kb, number, now = self._kb, self._number, self._now
+        if start > now:
+            row = (kb, seq, number, timeline.id, now, start, start, node(now, start), int(kind), is_derived)
+            self._schedules.append(row)
+        return (kb, seq, number, timeline.id, start, end, level(start, end), *value)
 
     def _revise(self, kind: KnowledgeType, row: StoredAssertion, what: Revision) -> None:
         key = (self._kb, row.seq, self._number, row.recorded_tx)
@@ -129,8 +136,6 @@ class Recorder:
     def _write_runs(self, changes: RowChanges) -> None:
         connection, kb = self._connection, self._kb
         connection.many(queries.add_run, [self._run_row(run) for run in changes.runs])
-        rates = ((kb, run.number, timeline.id, rate) for run in changes.runs for timeline, rate in run.rates)
-        connection.many(queries.add_run_rate, list(rates))
         ended = [
             (self._now, self._number, node(started, self._now), outcome, kb, run)
             for run, started, outcome in changes.ended_runs
@@ -138,11 +143,10 @@ class Recorder:
         connection.many(queries.end_run, ended)
 
     def _run_row(self, run: RunRow) -> Sequence[Any]:
-        remembered = "\n".join(sorted(run.remembered)) or None
-        seconds = run.duration / SECOND
+        remembered, forced = "\n".join(sorted(run.remembered)) or None, "\n".join(run.forced) or None
         return (
-            *(self._kb, run.number, self._number, run.started, run.duration, OPEN, seconds, None, None),
-            *(run.operator, " ".join(run.arguments), None, remembered, None),
+            *(self._kb, run.number, self._number, run.started, run.duration, OPEN, run.duration_s, None, None),
+            *(run.operator, " ".join(run.arguments), None, remembered, forced),
         )
 
 

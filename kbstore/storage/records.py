@@ -46,13 +46,17 @@ class LogPosition(NamedTuple):
 
 
 class StoredAssertion(NamedTuple):
-    """A stored assertion as a writer needs it. The first two are its key; `recorded_time` is for what lies ahead."""
+    """A stored assertion as a writer needs it. The first two are its key.
+
+    `recorded_time` and `is_derived` are for what lies ahead.
+    """
 
     recorded_tx: int
     seq: int
     initial_time: int
     end_time: int
     recorded_time: int | None
+    is_derived: bool | None
     value: Value
 
 
@@ -103,15 +107,22 @@ class TransactionRows(NamedTuple):
 
 
 class RunRow(NamedTuple):
-    """A stored run of a durative action, with what it adds to which function's rate, and remembers of its start."""
+    """A stored run of a durative action.
+
+    Attributes:
+        duration_s: its exact duration in seconds, of which `duration` is the rounding to nanoseconds.
+        remembered: the conditions at its start that its later effects depend on, and that were true.
+        forced: the conditions that were overruled at its start.
+    """
 
     number: int
     operator: str
     arguments: tuple[str, ...]
     started: int
     duration: int
-    rates: tuple[tuple[Timeline, float], ...]
+    duration_s: float
     remembered: frozenset[str]
+    forced: tuple[str, ...] = ()
 
 
 class DomainRow(NamedTuple):
@@ -148,6 +159,8 @@ class RowChanges:
         settles: what gets another end that lies ahead.
         rates: scheduled values of functions whose rates change by what runs.
         adds: new assertions, each with its timeline, when it begins and ends, and its value.
+        derived: functions that move at another rate from a later time on, by what their rates read (rule O5).
+        underived: what had been derived for later times, and is not any more.
         runs: those that start now.
         ended_runs: those that end now: number, start and outcome ("ended" or "aborted").
         domain: a new version of the domain.
@@ -163,6 +176,8 @@ class RowChanges:
     settles: dict[KnowledgeType, list[tuple[StoredAssertion, int]]] = field(default_factory=_by_kind)
     rates: list[tuple[StoredAssertion, float]] = field(default_factory=list)
     adds: dict[KnowledgeType, list[tuple[Timeline, int, int, Value]]] = field(default_factory=_by_kind)
+    derived: list[tuple[Timeline, int, int, Value]] = field(default_factory=list)
+    underived: list[StoredAssertion] = field(default_factory=list)
     runs: list[RunRow] = field(default_factory=list)
     ended_runs: list[tuple[int, int, str]] = field(default_factory=list)
     domain: DomainRow | None = None

@@ -306,7 +306,7 @@ class Repository:
         parameters = {"kb": self._kb, "ids": self._connection.array(ids), "t": t}
         found: dict[int, list[StoredAssertion]] = defaultdict(list)
         for row in self._connection.all(for_kind[kind].live, parameters):
-            found[row[0]].append(StoredAssertion(row[1], row[2], row[3], row[4], row[5], row[6:]))
+            found[row[0]].append(StoredAssertion(row[1], row[2], row[3], row[4], row[5], row[6], row[7:]))
         for rows in found.values():
             rows.sort(key=lambda stored: stored.initial_time)
         return found
@@ -318,17 +318,17 @@ class Repository:
         parameters = {"kb": self._kb, "t": t, "kind": int(KnowledgeType.INSTANCE)}
         return {row[0] for row in self._connection.all(queries.ahead, parameters)}
 
+    def derived_ahead(self, t: int) -> list[Timeline]:
+        """The functions for which a rate has been derived from a time after `t` on."""
+        if not self.head().present & PRESENT_SCHEDULES:
+            return []
+        rows = self._connection.all(queries.derived_ahead, {"kb": self._kb, "t": t})
+        return self.timelines_of(dict.fromkeys(row[0] for row in rows))
+
     def running(self, position: LogPosition) -> list[RunRow]:
         """The durative actions that run at a position in the record, in the order in which they were started."""
         statement = queries.running if position.number is None else queries.running_as_of
         rows = sorted(self._connection.all(statement, self._on_path(position)))
-        if not rows:
-            return []
-        parameters = {"kb": self._kb, "numbers": self._connection.array([row[0] for row in rows])}
-        rates: dict[int, list[tuple[int, float]]] = defaultdict(list)
-        for number, timeline, rate in self._connection.all(queries.run_rates, parameters):
-            rates[number].append((timeline, rate))
-        timelines = self.timelines([timeline for moved in rates.values() for timeline, _ in moved])
         return [
             RunRow(
                 number,
@@ -336,10 +336,11 @@ class Repository:
                 tuple(arguments.split()),
                 started,
                 duration,
-                tuple((timelines[timeline], rate) for timeline, rate in rates[number]),
+                duration_s,
                 frozenset(remembered.split("\n") if remembered else ()),
+                tuple(forced.split("\n") if forced else ()),
             )
-            for number, operator, arguments, started, duration, remembered in rows
+            for number, operator, arguments, started, duration, duration_s, remembered, forced in rows
         ]
 
     # -- history ----------------------------------------------------------------------------------------------

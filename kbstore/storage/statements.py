@@ -129,6 +129,12 @@ class Batch(Statement):
             *key.values(),
         )
 
+    @classmethod
+    def deleting(cls, table: sa.Table, *, key: Mapping[str, str]) -> "Batch":
+        """Delete the rows with a key, which is as in `changing`."""
+        which = sa.and_(*(table.c[column] == sa.bindparam(name) for column, name in key.items()))
+        return cls(table.delete().where(which), *key.values())
+
     def _compiled(self, dialect: str) -> Any:
         compiled = self._core(dialect).compile(dialect=_POSITIONAL[dialect], column_keys=self.columns)
         assert tuple(compiled.positiontup) == self.columns

@@ -321,15 +321,3 @@ Index(
     sqlite_where=text(f"end_time = {OPEN}"),
     postgresql_where=text(f"end_time = {OPEN}"),
 )
-
-run_rates = Table(
-    "run_rates",
-    metadata,
-    Column("kb_id", Integer, nullable=False),
-    Column("run_number", BigInteger, nullable=False),
-    Column("timeline_id", BigInteger, nullable=False),
-    # per second, what the run adds to the function's rate
-    Column("rate", Double, nullable=False),
-    PrimaryKeyConstraint("kb_id", "run_number", "timeline_id"),
-    sqlite_with_rowid=False,
-)

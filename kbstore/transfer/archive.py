@@ -131,7 +131,7 @@ class _Archiving:
         """Delete what ended before the time, and the transactions that nothing refers to any more."""
         parameters = self._at() | {"upto": upto, "most": MOST}
         with self._database.begin() as session:
-            deleted = [session.run(statement, parameters) for statement in statements.delete_ended_runs][-1]
+            deleted = session.run(statements.delete_ended_runs, parameters)
             for statement in statements.delete_side_rows:
                 session.run(statement, parameters)
         self._steps(deleted)

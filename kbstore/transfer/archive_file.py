@@ -13,12 +13,12 @@ from kbstore.errors import HistoryUnavailable, InvalidKnowledge, StoreUnavailabl
 from kbstore.storage import directory, schema
 from kbstore.storage.connection import StoreConnection
 from kbstore.storage.database import Database
-from kbstore.storage.records import Head, LogPosition
+from kbstore.storage.records import Head
 from kbstore.storage.repository import Repository, TimelineCache
 from kbstore.transfer.queries import ARCHIVE, assertions, by_table, quick_check, revisions_after
 from kbstore.transfer.rows import Part, Record, RowSource, RowTarget, batches, make_archive, sync_directory
 
-CHECKED = (*assertions, "schedules", "runs", "run_rates")
+CHECKED = (*assertions, "schedules", "runs")
 """The tables whose rows are counted before any is deleted."""
 
 _MAGIC = b"SQLite format 3\0"
@@ -156,10 +156,6 @@ class _Past:
         parameters = {"kb": source.kb, "upto": upto}
         for number, seq, tx, end_before in connection.all(revisions_after, parameters):
             self._revisions.setdefault((number, seq), (tx, end_before))
-        self._rates: dict[int, float] = {}
-        for run in source.repository.running(LogPosition(before - 1)):
-            for timeline, rate in run.rates:
-                self._rates[timeline.id] = self._rates.get(timeline.id, 0.0) + rate
 
     def of(self, table: str, record: Record) -> Record:
         """A row as it was."""
@@ -186,8 +182,8 @@ class _Past:
         if self._is_later(record["retired_tx"]):
             record = record | {"retired_tx": None}
         if table == "functions" and record["initial_time"] >= self._before:
-            # what is scheduled moves with what ran then
-            record = record | {"rate": record["own_rate"] + self._rates.get(record["timeline_id"], 0.0)}
+            # rates ahead are derived anew by whoever asks for what is expected
+            record = record | {"rate": record["own_rate"]}
         return record
 
     def _is_later(self, number: int | None) -> bool:

@@ -82,7 +82,7 @@ def _unarchived(table: Table) -> Any:
 
 
 _transactions, _revisions, _schedules = tables.transactions.c, tables.revisions.c, tables.schedules.c
-_runs, _rates, _domains = tables.runs.c, tables.run_rates.c, tables.domains.c
+_runs, _domains = tables.runs.c, tables.domains.c
 
 _chosen_runs = and_(_until(_runs.recorded_tx), _unarchived(tables.runs))
 
@@ -108,9 +108,6 @@ by_table: dict[str, TableQueries] = {
     ),
     "revisions": TableQueries(tables.revisions, _revisions.tx > parameter("gone"), _until(_revisions.tx)),
     "runs": TableQueries(tables.runs, _chosen_runs, replacing=_changing(tables.runs)),
-    "run_rates": TableQueries(
-        tables.run_rates, _rates.run_number.in_(select(_runs.number).where(_runs.kb_id == KB, _chosen_runs))
-    ),
 }
 """The tables in the order in which they are written: each row after those that it refers to."""
 
@@ -144,14 +141,7 @@ archive_history = Statement(
 
 _ended_runs = and_(_runs.kb_id == KB, _runs.end_time < parameter("t"), _until(_runs.recorded_tx))
 
-delete_ended_runs = (
-    Statement(
-        tables.run_rates.delete().where(
-            _rates.kb_id == KB, _rates.run_number.in_(select(_runs.number).where(_ended_runs))
-        )
-    ),
-    Statement(tables.runs.delete().where(_ended_runs)),
-)
+delete_ended_runs = Statement(tables.runs.delete().where(_ended_runs))
 
 
 def _ended(table: Table) -> Any:
@@ -235,7 +225,7 @@ def _delete_transactions() -> Any:
 delete_transactions = Statement(_delete_transactions())
 """The transactions after :after and up to :last that nothing refers to any more."""
 
-_vacuumed = ", ".join((*assertions, "transactions", "schedules", "revisions", "runs", "run_rates"))
+_vacuumed = ", ".join((*assertions, "transactions", "schedules", "revisions", "runs"))
 
 reclaim = {
     "sqlite": (Statement(sa.text("VACUUM")), Statement(sa.text("PRAGMA wal_checkpoint(TRUNCATE)"))),

@@ -1,23 +1,24 @@
 """Operators in a transaction: what they change, and which durative ones run (rules O1 to O3)."""
 
-from collections import defaultdict
 from collections.abc import Sequence
 
 from kbstore.clock import SECOND, DurationLike, isoformat
 from kbstore.errors import DivisionByZero, HistoryUnavailable, InvalidKnowledge, NotApplicable, UndefinedFunction
-from kbstore.messages import KnowledgeType
+from kbstore.evaluation.interpretation import Interpretation
+from kbstore.evaluation.snapshot import Snapshot
+from kbstore.messages import AssignOp, KnowledgeType
 from kbstore.model.domain import Domain
 from kbstore.model.formulas import Atom, Formula, Timing
 from kbstore.model.results import Applicability, FailingCondition, Run
-from kbstore.model.timelines import EndCause, Identity, Role
+from kbstore.model.timelines import EndCause, Role
 from kbstore.names import key
 from kbstore.pddl.printer import condition_text
 from kbstore.planning import applicability as planning
 from kbstore.planning import effects, start_conditions
 from kbstore.planning.durations import Failing, chosen_duration, failing_constraints, given_duration
-from kbstore.planning.effects import Effects
+from kbstore.planning.effects import Effects, NumericChange
 from kbstore.planning.grounding import GroundAction, ground
-from kbstore.planning.simulator import RunningAction
+from kbstore.planning.rates import RunningAction, is_moving, rates, value_at_end
 from kbstore.reading.state import State
 from kbstore.storage.records import RowChanges, RunRow
 from kbstore.writing.change_set import ChangeSet
@@ -50,14 +51,6 @@ class ActionExecutor:
         """Take back what was done since the copy."""
         self.running, self.last_run, self._started, self._ended = copy
 
-    def contributions(self) -> dict[Identity, float]:
-        """What all that runs adds to the rate of each function, per second."""
-        found: dict[Identity, float] = defaultdict(float)
-        for entry in self.running:
-            for timeline, rate in entry.rates:
-                found[timeline.identity] += rate
-        return found
-
     # -- operators --------------------------------------------------------------------------------------------
 
     def apply(self, state: State, handlers: Handlers, operator: str, arguments: Sequence[str]) -> None:
@@ -67,7 +60,7 @@ class ActionExecutor:
             raise NotApplicable(f"{action} takes time; start() it, and end() it when it is done")
         at_start = _at_start(state, action)
         _refuse(state, action, planning.unsatisfied(action, state.snapshot, at_start=at_start))
-        self._carry_out(handlers, at_start, state)
+        self._carry_out(handlers, at_start, state.snapshot)
 
     def start(
         self,
@@ -90,17 +83,14 @@ class ActionExecutor:
         seconds = length.seconds
         forced = failing_constraints(action, Timing.AT_START, world, seconds) if force else []
         at_start = _at_start(state, action, duration=seconds, force=force)
-        # rates are those at the start, as the at-start effects leave the state
-        after = effects.StateAfter(world, at_start)
-        lasting, ending = (
-            start_conditions.remembered(action, timing, world, duration=seconds)
-            for timing in (Timing.OVER_ALL, Timing.AT_END)
-        )
-        continuous = effects.evaluate(action, Timing.OVER_ALL, after, duration=seconds, remembered=lasting).rates
         _refuse(state, action, planning.unsatisfied(action, world, duration=seconds, at_start=at_start, force=force))
-        self._carry_out(handlers, at_start, state)
-        resolve = handlers.resolver.effect_atom
-        rates = tuple((resolve(KnowledgeType.FUNCTION, function).timeline, rate) for function, rate in continuous)
+        remembered = frozenset[str]().union(
+            *(
+                start_conditions.remembered(action, timing, world, duration=seconds)
+                for timing in (Timing.OVER_ALL, Timing.AT_END)
+            )
+        )
+        self._carry_out(handlers, at_start, state.snapshot)
         self.last_run += 1
         run = Run(
             action.action.name,
@@ -111,7 +101,11 @@ class ActionExecutor:
             None if seconds == length.nanoseconds / SECOND else seconds,
             tuple(condition_text(condition) for condition, _ in forced),
         )
-        entry = RunningAction(run, rates, ending)
+        entry = RunningAction(run, remembered)
+        if is_moving(run.operator, state.domain):
+            # what is not linear is refused here
+            after = effects.StateAfter(world, at_start)
+            rates([*self.running, entry], after, state.projection().moving())
         self.running.append(entry)
         self._started.append(entry)
         return run
@@ -123,13 +117,13 @@ class ActionExecutor:
             action = _grounded(state, entry.run.operator, entry.run.arguments)
         except InvalidKnowledge as error:
             raise NotApplicable(f"{entry.run} cannot end: {error}; abort() it") from error
-        world, seconds = state.snapshot, entry.run.seconds
+        world, seconds = self._stopped(entry, handlers, state.snapshot), entry.run.seconds
         failing = failing_constraints(action, Timing.AT_END, world, seconds)
         failing += planning.failing(action, Timing.AT_END, world, duration=seconds)
         try:
             at_end = effects.evaluate(action, Timing.AT_END, world, duration=seconds, remembered=entry.remembered)
             self._stop(entry, "ended")
-            self._carry_out(handlers, at_end, state)
+            self._carry_out(handlers, at_end, world)
         except (UndefinedFunction, DivisionByZero, InvalidKnowledge) as error:
             raise NotApplicable(f"{action} cannot end: {error}; mend the state, or abort() it") from error
         return _explained(state, failing)
@@ -148,10 +142,23 @@ class ActionExecutor:
         for entry in list(self.running):
             self._stop(entry, "aborted")
 
+    def _stopped(self, entry: RunningAction, handlers: Handlers, world: Snapshot) -> Interpretation:
+        """The state in which a run ends: at its expected end, it has moved numbers for exactly ``?duration`` (O7)."""
+        run = entry.run
+        if self._change_set.now != run.expected_end or not is_moving(run.operator, world.domain):
+            return world
+        exact: list[NumericChange] = []
+        for function, added in rates([entry], world).items():
+            row = world.row(KnowledgeType.FUNCTION, " ".join((function.name, *function.arguments)))
+            if row is not None and not _is_sensed(world, function):
+                number = value_at_end(row[2], row[1], added or 0.0, run)
+                exact.append(NumericChange(function, AssignOp.ASSIGN, number))
+                state = handlers.resolver.effect_atom(KnowledgeType.FUNCTION, function)
+                self._change_set.put(state, (False, number, *row[2][2:]), self._change_set.now)
+        return effects.StateAfter(world, Effects(changes=tuple(exact)))
+
     def _stop(self, entry: RunningAction, outcome: str) -> None:
         self.running.remove(entry)
-        # a function that was moved goes on from its value now, without what the action added to its rate
-        self._change_set.loaded(timeline for timeline, _ in entry.rates if timeline.id)
         if entry in self._started:
             self._started.remove(entry)
         else:
@@ -176,20 +183,25 @@ class ActionExecutor:
 
     # -- effects ----------------------------------------------------------------------------------------------
 
-    def _carry_out(self, handlers: Handlers, found: Effects, state: State) -> None:
-        """Record the effects of one moment, all of which were evaluated on the state before (rule O2)."""
-        change_set, now = self._change_set, self._change_set.now
+    def _carry_out(self, handlers: Handlers, found: Effects, world: Interpretation) -> None:
+        """Record the effects of one moment, all of which were evaluated on `world`, the state before (rule O2).
+
+        Effects on what is sensed are left to sensors (rule O8).
+        """
+        change_set, now, resolve = self._change_set, self._change_set.now, handlers.resolver.effect_atom
         functions = {change.function for change in found.changes}
         for kind, touched in ((KnowledgeType.FACT, {*found.deletes, *found.adds}), (KnowledgeType.FUNCTION, functions)):
             change_set.load(Role.STATE, kind, {" ".join((atom.name, *atom.arguments)) for atom in touched})
             change_set.load(Role.STATE, KnowledgeType.INSTANCE, {name for atom in touched for name in atom.arguments})
 
         def own_rate(function: Atom) -> float:
-            value = handlers.resolver.effect_atom(KnowledgeType.FUNCTION, function).value
+            value = resolve(KnowledgeType.FUNCTION, function).value
             return 0.0 if value is None else value[2]
 
-        for kind, atom, value in effects.outcome(found, state.snapshot, own_rate):
-            timeline_state = handlers.resolver.effect_atom(kind, atom)
+        for kind, atom, value in effects.outcome(found, world, own_rate):
+            timeline_state = resolve(kind, atom)
+            if _is_sensed(world, atom):
+                continue
             if value is not None:
                 change_set.put(timeline_state, value, now)
             elif timeline_state.value is not None:
@@ -197,12 +209,25 @@ class ActionExecutor:
 
     def write(self, changes: RowChanges) -> None:
         """Add the runs that begin and end to what a transaction writes."""
-        for run, rates, remembered in self._started:
+        for run, remembered in self._started:
             changes.runs.append(
-                RunRow(run.number, run.operator, run.arguments, run.started, run.duration, rates, remembered)
+                RunRow(
+                    run.number,
+                    run.operator,
+                    run.arguments,
+                    run.started,
+                    run.duration,
+                    run.seconds,
+                    remembered,
+                    run.forced,
+                )
             )
         changes.ended_runs += [(entry.run.number, entry.run.started, outcome) for entry, outcome in self._ended]
         changes.last_run = self.last_run
+
+
+def _is_sensed(world: Interpretation, atom: Atom) -> bool:
+    return world.domain is not None and atom.name in world.domain.sensed
 
 
 def applicability(

@@ -14,8 +14,10 @@ from itertools import chain
 
 from kbstore.clock import OPEN
 from kbstore.messages import Condition, Fact, Function, Instance, KnowledgeItem, KnowledgeType
+from kbstore.model.formulas import Atom
 from kbstore.model.timelines import EndCause, Identity, Role, Timeline, Value, number_at
 from kbstore.names import key
+from kbstore.planning.simulator import Event
 from kbstore.storage.records import RowChanges, StateRow, StoredAssertion
 from kbstore.storage.repository import Repository
 from kbstore.writing.lifespans import Lifespan, lifespans_of, lost_time
@@ -41,8 +43,6 @@ class ChangeSet:
         """How often the existence of an object has changed here."""
         self._mentioning: dict[str, list[TimelineState]] = {}
         self._journal: dict[TimelineState, tuple[Value | None, dict[int, Value], EndCause]] = {}
-        self.contributions: dict[Identity, float] = {}
-        """What running actions add to the rates of functions, per second."""
 
     # -- timelines --------------------------------------------------------------------------------------------
 
@@ -161,6 +161,28 @@ class ChangeSet:
         self._journal.clear()
         self.objects_changed += 1
 
+    def is_set(self, function: Atom) -> bool:
+        """Whether a function has been set in this transaction, to whatever value."""
+        state = self._groups[Role.STATE, KnowledgeType.FUNCTION].get(" ".join((function.name, *function.arguments)))
+        base = None if state is None else state.base(self.now)
+        return state is not None and (base is None or state.value != self._value_now(state, base))
+
+    def follow(self, events: Iterable[Event]) -> None:
+        """Take over how numbers move by what runs (rule O5): now, and from later times on as derived assertions."""
+        for state in self.loaded(self._repository.derived_ahead(self.now)):
+            state.derived = {}
+        for event in events:
+            if event.timeline.kind is not KnowledgeType.FUNCTION:
+                continue
+            state = self.state(event.timeline.identity, event.timeline.spelling)
+            if event.time == self.now:
+                state.value = event.value
+                state.cause = EndCause.RUN
+            elif event.time in state.ahead and event.value is not None:
+                state.ahead[event.time] = event.value
+            else:
+                state.derived[event.time] = event.value
+
     # -- objects ----------------------------------------------------------------------------------------------
 
     def lifespans(self, state: TimelineState) -> list[Lifespan]:
@@ -218,8 +240,6 @@ class ChangeSet:
         """Replace stored rows, those that hold now and those pending, by what the transaction makes of them."""
         for state in list(self.states()):
             identity = state.timeline.identity
-            if state.timeline.kind is KnowledgeType.FUNCTION:
-                self._add_contributions(state)
             base = state.base(self.now)
             if state.value is None:
                 rows.pop(identity, None)
@@ -280,57 +300,59 @@ class ChangeSet:
         kind = track.timeline.kind
         base = track.base(self.now)
         if base is None and track.value is None and not track.ahead and not track.stored_ahead:
+            # what is derived follows from one of these
             return
-        if kind is KnowledgeType.FUNCTION:
-            self._add_contributions(track)
         changed = False
         standing_again = base is not None and track.value == self._value_now(track, base)
-        # (initial time, value, the stored row if it stays)
-        line: list[tuple[int, Value, StoredAssertion | None]] = []
+        # (initial time, value, the stored row if it stays, whether it is derived)
+        line: list[tuple[int, Value | None, StoredAssertion | None, bool]] = []
         if base is not None and standing_again:
-            line.append((base.initial_time, base.value, base))
+            line.append((base.initial_time, base.value, base, False))
         else:
             if base is not None:
                 changed = True
                 cause = track.cause if track.value is None else EndCause.REPLACED
                 writes.ends[kind].append((base, cause))
             if track.value is not None:
-                line.append((self.now, track.value, None))
-        for t in sorted(track.ahead):
+                line.append((self.now, track.value, None, False))
+        for t in sorted({**track.derived, **track.ahead}):
+            if t not in track.ahead:
+                line.append((t, track.derived[t], track.stored_derived.get(t), True))
+                continue
             stored = track.stored_ahead.get(t)
             value = track.ahead[t]
             if stored is not None and _same_but_rate(kind, stored.value, value):
-                line.append((t, value, stored))
+                line.append((t, value, stored, False))
                 if stored.value != value:
                     writes.rates.append((stored, value[3]))
             else:
-                line.append((t, value, None))
+                line.append((t, value, None, False))
         for t, stored in track.stored_ahead.items():
             if t not in track.ahead or not _same_but_rate(kind, stored.value, track.ahead[t]):
                 changed = True
                 writes.cancels[kind].append(stored)
-        for index, (start, value, stored) in enumerate(line):
+        writes.underived += [row for t, row in track.stored_derived.items() if t not in track.derived]
+        for index, (start, entry, stored, is_derived) in enumerate(line):
+            if entry is None:
+                if stored is not None:
+                    writes.underived.append(stored)
+                continue
             end = line[index + 1][0] if index + 1 < len(line) else OPEN
             if ends:
-                for name in self._mentions(track.timeline, value):
+                for name in self._mentions(track.timeline, entry):
                     end = min(end, min((t for t in ends.get(name, ()) if t > start), default=OPEN))
-            if stored is None:
+            if is_derived:
+                if stored is not None and (stored.value != entry or stored.end_time != end):
+                    writes.underived.append(stored)
+                    stored = None  # noqa: PLW2901 - it is derived anew
+                if stored is None:
+                    writes.derived.append((track.timeline, start, end, entry))
+            elif stored is None:
                 changed = True
-                writes.adds[kind].append((track.timeline, start, end, value))
+                writes.adds[kind].append((track.timeline, start, end, entry))
             elif stored.end_time != end:
                 writes.settles[kind].append((stored, end))
         writes.changes += changed
-
-    def _add_contributions(self, track: TimelineState) -> None:
-        """A function's rate is its own and what running actions add to it (rule O3)."""
-        added = self.contributions.get(track.timeline.identity)
-
-        def with_rate(value: Value) -> Value:
-            return (*value[:3], value[2] if added is None else value[2] + added)
-
-        if track.value is not None:
-            track.value = with_rate(track.value)
-        track.ahead = {t: with_rate(value) for t, value in track.ahead.items()}
 
     def _value_now(self, track: TimelineState, base: StoredAssertion) -> Value:
         if track.timeline.kind is not KnowledgeType.FUNCTION:

@@ -8,7 +8,7 @@ from kbstore.model.domain import Domain
 from kbstore.model.symbols import SymbolTable
 from kbstore.model.timelines import Role, Value
 from kbstore.pddl.parse import parse_condition, parse_expression
-from kbstore.planning.simulator import RunningAction
+from kbstore.planning.rates import RunningAction
 from kbstore.writing.change_set import ChangeSet
 from kbstore.writing.formulas import condition_violations, expression_violations
 from kbstore.writing.resolution import Resolver, naming, violations_of

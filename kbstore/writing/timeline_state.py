@@ -10,16 +10,20 @@ from kbstore.storage.records import StoredAssertion
 class TimelineState:
     """What is stored of a timeline from now on, and what the transaction makes of it."""
 
-    __slots__ = ("ahead", "cause", "latest", "stored_ahead", "timeline", "value")
+    __slots__ = ("ahead", "cause", "derived", "latest", "stored_ahead", "stored_derived", "timeline", "value")
 
     def __init__(self, timeline: Timeline, rows: Sequence[StoredAssertion], now: int) -> None:
         self.timeline = timeline
         self.latest: StoredAssertion | None = None
         """The latest stored row that begins no later than now; it may have ended."""
         self.stored_ahead: dict[int, StoredAssertion] = {}
+        self.stored_derived: dict[int, StoredAssertion] = {}
+        """Rows ahead of a function that moves at another rate from then on, by what runs (rule O5)."""
         for row in rows:
             if row.initial_time <= now:
                 self.latest = row
+            elif row.is_derived:
+                self.stored_derived[row.initial_time] = row
             else:
                 self.stored_ahead[row.initial_time] = row
         base = self.base(now)
@@ -29,6 +33,8 @@ class TimelineState:
             self.value = (False, number_at(base.value, base.initial_time, now), *base.value[2:])
         self.ahead: dict[int, Value] = {t: row.value for t, row in self.stored_ahead.items()}
         """What is scheduled, by its time."""
+        self.derived: dict[int, Value | None] = {t: row.value for t, row in self.stored_derived.items()}
+        """What follows for later times from what is scheduled and runs; None where nothing holds from then on."""
         self.cause = EndCause.REPLACED
         """Why what held at first was ended."""
 

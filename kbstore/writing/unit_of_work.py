@@ -9,21 +9,19 @@ from typing import Self, TypeVar
 
 from kbstore.clock import DurationLike, TimeLike, time
 from kbstore.errors import Conflict, InvalidKnowledge, KbStoreError
-from kbstore.evaluation.snapshot import Snapshot, StateRow
 from kbstore.interop.up_loading import PlanningProblem, sources
-from kbstore.messages import KnowledgeType, UpdateType
+from kbstore.messages import UpdateType
 from kbstore.messages.bulk import gc_paused
 from kbstore.model.domain import Domain
 from kbstore.model.results import Applicability, Run, Transaction
 from kbstore.model.symbols import SymbolTable
-from kbstore.model.timelines import Identity, Role, Timeline
+from kbstore.model.timelines import Role, Timeline
 from kbstore.pddl.domain_reader import read_domain
 from kbstore.pddl.problem_reader import read_problem
 from kbstore.reading.mentions import mentions
 from kbstore.reading.questions import Knowledge, Question
 from kbstore.reading.reader import Reader
 from kbstore.reading.state import State
-from kbstore.reading.state_data import StateData
 from kbstore.storage.records import DomainRow, LogPosition, SymbolRow
 from kbstore.storage.repository import Repository
 from kbstore.writing.action_executor import ActionExecutor, applicability
@@ -32,6 +30,7 @@ from kbstore.writing.compatibility import violations
 from kbstore.writing.handlers import Handlers
 from kbstore.writing.resolution import Violations
 from kbstore.writing.updates import Batch, Item, Step, closed_world_violations, goals_in, items_in, problem_batch
+from kbstore.writing.working_state import WorkingState
 
 TOLERANCE = 1_000_000_000
 """How far a clock may be behind the latest recorded time, in nanoseconds (rule T3)."""
@@ -94,8 +93,10 @@ class OpenTransaction:
         self._stored_shapes = dict(stored.shapes)
         self._domain = stored.domain
         self._change_set = ChangeSet(self._repository, self.now, mentions)
-        self._executor = ActionExecutor(
-            self._change_set, reader.running(self._repository, LogPosition(self.now), self._head), self._head.last_run
+        running = reader.running(self._repository, LogPosition(self.now), self._head)
+        self._executor = ActionExecutor(self._change_set, running, self._head.last_run)
+        self._working = WorkingState(
+            repository, self._change_set, self._executor, self._domain, use_unknowns=reader.use_unknowns
         )
         self._use_symbols(self._symbols)
 
@@ -133,9 +134,9 @@ class OpenTransaction:
         """Write the changes, if there are any (rule C1). Returns the transaction, and the timelines that are new."""
         if not self._is_whole:
             raise InvalidKnowledge("a load has failed half-way in this transaction; nothing of it has been stored")
-        self._change_set.contributions = self._executor.contributions()
         if self._reader.use_unknowns:
             self._handlers.end_uncertain()
+        self._working.follow_rates(self._symbols.domain)
         writes = self._change_set.finish()
         self._executor.write(writes)
         domain = self._symbols.domain
@@ -361,17 +362,7 @@ class OpenTransaction:
     def state(self) -> State:
         """The state at the transaction's now, with what it has written itself."""
         self._open_handlers()
-        position = LogPosition(self.now)
-        self._change_set.contributions = self._executor.contributions()
-        rows: dict[Identity, StateRow] = {}
-        pending: dict[tuple[Identity, int], StateRow] = {}
-        for kind in KnowledgeType:
-            rows |= {row[0].identity: row for row in self._repository.state_at(kind, position)}
-            pending |= {(row[0].identity, row[1]): row for row in self._repository.scheduled_at(kind, position)}
-        self._change_set.overlay(rows, pending)
-        snapshot = Snapshot(self.now, list(rows.values()), self._symbols.domain, self._reader.use_unknowns)
-        data = StateData(snapshot, list(pending.values()), self._executor.running)
-        return self._reader.state_of(data, self._symbols)
+        return self._reader.state_of(self._working.data(self._symbols.domain), self._symbols)
 
     def holds(self, question: Question) -> bool:
         """Whether a fact or condition is true in the state as the transaction has it."""

@@ -47,7 +47,6 @@ def upgrade() -> None:
 def downgrade() -> None:
     """Drop the tables, and with them everything that they hold."""
     for table in (
-        "run_rates",
         "runs",
         "revisions",
         "schedules",
@@ -246,15 +245,6 @@ def create_runs() -> None:
     )
     create_index("ix_runs_node", "runs", ["kb_id", "node"])
     create_index("ix_runs_open", "runs", ["kb_id", "initial_time"], f"end_time = {OPEN}")
-    op.create_table(
-        "run_rates",
-        sa.Column("kb_id", sa.Integer, nullable=False),
-        sa.Column("run_number", sa.BigInteger, nullable=False),
-        sa.Column("timeline_id", sa.BigInteger, nullable=False),
-        sa.Column("rate", sa.Double, nullable=False),
-        sa.PrimaryKeyConstraint("kb_id", "run_number", "timeline_id", name="pk_run_rates"),
-        sqlite_with_rowid=False,
-    )
 
 
 def create_index(name: str, table: str, columns: list[str], where: str | None = None, *, unique: bool = False) -> None:

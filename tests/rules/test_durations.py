@@ -77,6 +77,9 @@ def test_a_duration_may_be_off_by_a_nanosecond(shop, given, allowed):
         return
     run = shop.start("cut", duration=given)
     assert (run.duration, run.seconds) == (333_333_333, 1 / 3)
+    assert shop.state().running == [run]
+    shop.end(run)
+    assert shop.value("(log)") == 1 / 3
 
 
 def test_a_constraint_that_is_unknown_is_not_applicable(shop):
@@ -96,6 +99,7 @@ def test_force_overrules_constraints_and_says_which(shop, clock):
     run = shop.start("fixed", duration=seconds(9), force=True)
     assert (run.duration, run.forced) == (seconds(9), ("(= ?duration 3)",))
     assert run.expected_end == START + seconds(9)
+    assert shop.state().running == [run]
     assert shop.start("upto", duration=seconds(30), force=True).forced == ()
     shop.remove("(limit)")
     assert shop.start("between", duration=seconds(1), force=True).forced == (

@@ -1,0 +1,96 @@
+"""The state as an open transaction leaves it: what is stored, its changes on top, and the rates of what runs (O5)."""
+
+from kbstore.clock import OPEN
+from kbstore.evaluation.snapshot import Snapshot
+from kbstore.messages import KnowledgeType
+from kbstore.model.domain import Domain
+from kbstore.model.formulas import Atom
+from kbstore.model.timelines import Identity
+from kbstore.planning.rates import is_moving, rates
+from kbstore.planning.simulator import Simulator
+from kbstore.reading.mentions import mentions
+from kbstore.reading.state_data import StateData
+from kbstore.storage.records import LogPosition, StateRow
+from kbstore.storage.repository import Repository
+from kbstore.writing.action_executor import ActionExecutor
+from kbstore.writing.change_set import ChangeSet
+
+
+class WorkingState:
+    """Reads the state at a transaction's now; `domain` is the one before the transaction."""
+
+    def __init__(
+        self,
+        repository: Repository,
+        change_set: ChangeSet,
+        executor: ActionExecutor,
+        domain: Domain | None,
+        *,
+        use_unknowns: bool,
+    ) -> None:
+        self._repository = repository
+        self._change_set = change_set
+        self._executor = executor
+        self._domain_before = domain
+        self._running_before = list(executor.running)
+        self._rates_before: dict[Atom, float | None] | None = None
+        self._use_unknowns = use_unknowns
+
+    def data(self, domain: Domain | None) -> StateData:
+        """What holds now, with the changes made so far."""
+        now = self._change_set.now
+        rows, pending = self._rows(domain)
+        simulator = self._simulator(rows, pending, domain)
+        for _ in simulator.advance(now):
+            pass
+        snapshot = Snapshot(now, simulator.rows, domain, self._use_unknowns)
+        return StateData(snapshot, list(pending.values()), self._executor.running)
+
+    def follow_rates(self, domain: Domain | None) -> None:
+        """Let numbers that runs move follow what their rates read, now and by what is scheduled (rule O5)."""
+        if self._moves_numbers(domain):
+            self._change_set.follow(self._simulator(*self._rows(domain), domain).advance(OPEN))
+
+    def _rows(self, domain: Domain | None) -> tuple[dict[Identity, StateRow], dict[tuple[Identity, int], StateRow]]:
+        """What holds now and what is scheduled, as this transaction leaves it, but for the rates of what runs."""
+        now = self._change_set.now
+        position = LogPosition(now)
+        rows: dict[Identity, StateRow] = {}
+        pending: dict[tuple[Identity, int], StateRow] = {}
+        for kind in KnowledgeType:
+            rows |= {row[0].identity: row for row in self._repository.state_at(kind, position)}
+            pending |= {(row[0].identity, row[1]): row for row in self._repository.scheduled_at(kind, position)}
+        if self._rates_before is None and self._moves_numbers(domain):
+            stored = Snapshot(now, list(rows.values()), self._domain_before, self._use_unknowns)
+            self._rates_before = rates(self._running_before, stored)
+        self._change_set.overlay(rows, pending)
+        return rows, pending
+
+    def _simulator(
+        self,
+        rows: dict[Identity, StateRow],
+        pending: dict[tuple[Identity, int], StateRow],
+        domain: Domain | None,
+    ) -> Simulator:
+        """Plays forward what is scheduled, with the rates of what runs."""
+        added = self._rates_before
+        if added is not None:
+            # what is set in this transaction is defined, also where a rate has no value any more
+            added = {atom: None if self._change_set.is_set(atom) else rate for atom, rate in added.items()}
+        return Simulator(
+            self._change_set.now,
+            rows.values(),
+            pending.values(),
+            self._executor.running,
+            domain=domain,
+            use_unknowns=self._use_unknowns,
+            mentions=mentions,
+            recorded=True,
+            added=added,
+        )
+
+    def _moves_numbers(self, domain: Domain | None) -> bool:
+        """Whether something that runs, or stops in this transaction, moves numbers."""
+        return any(is_moving(entry.run.operator, self._domain_before) for entry in self._running_before) or any(
+            is_moving(entry.run.operator, domain) for entry in self._executor.running
+        )

@@ -1,0 +1,346 @@
+"""Rules O5 and O7: continuous effects are differential equations, whose rates follow what they read."""
+
+import random
+
+import pytest
+
+import kbstore
+from kbstore import Function, seconds
+from tests.conftest import START
+
+TANKS = """
+(define (domain tanks)
+  (:types tank valve)
+  (:predicates (on ?t - tank) (open ?v - valve) (paused) (high))
+  (:functions (level ?t - tank) (inflow ?t - tank) (size ?v - valve) (pressure) (drift) (log) (other))
+  (:derived (high) (> (pressure) 5))
+  (:durative-action fill :parameters (?t - tank) :duration (= ?duration 100)
+    :effect (and (increase (level ?t) (* #t (inflow ?t)))
+                 (at end (assign (log) (level ?t)))))
+  (:durative-action twice :parameters (?t - tank) :duration (= ?duration 100)
+    :effect (increase (level ?t) (* #t (* 2 (inflow ?t)))))
+  (:durative-action boost :parameters (?t - tank ?by - tank) :duration (<= ?duration 100)
+    :effect (and (at start (assign (inflow ?t) 5)) (at end (assign (inflow ?t) 1))))
+  (:durative-action drain :parameters (?t - tank) :duration (= ?duration 100)
+    :effect (forall (?v - valve)
+      (when (over all (and (open ?v) (not (paused)))) (decrease (level ?t) (* #t (size ?v))))))
+  (:durative-action press :parameters (?t - tank) :duration (= ?duration 100)
+    :effect (when (over all (high)) (increase (level ?t) (* #t 1))))
+  (:durative-action latched :parameters (?t - tank) :duration (= ?duration 100)
+    :effect (when (at start (on ?t)) (increase (level ?t) (* #t (inflow ?t)))))
+  (:durative-action grow :parameters () :duration (= ?duration 100) :effect (increase (pressure) (* #t (drift))))
+  (:durative-action spiral :parameters () :duration (= ?duration 100) :effect (increase (pressure) (* #t (pressure))))
+  (:durative-action ratio :parameters (?t - tank) :duration (= ?duration 100)
+    :effect (increase (level ?t) (* #t (/ 6 (other)))))
+  (:durative-action charge :parameters (?t - tank) :duration (= ?duration (/ (- 100 (level ?t)) (inflow ?t)))
+    :condition (at end (>= (level ?t) 100))
+    :effect (and (increase (level ?t) (* #t (inflow ?t))) (at end (assign (log) (level ?t))))))
+"""
+
+
+@pytest.fixture
+def tanks(open_kb):
+    """Tank a has a level of 0 and an inflow of 1 a second."""
+    kb = open_kb()
+    kb.load(TANKS)
+    kb.add("a - tank", "b - tank", "v - valve", "(= (level a) 0)", "(= (inflow a) 1)", "(= (drift) 0)")
+    return kb
+
+
+def level(kb, *times, **belief):
+    return [kb.value("(level a)", at=START + seconds(t), **belief) for t in times]
+
+
+def at(clock, t):
+    clock.set(START + seconds(t))
+
+
+# -- what a rate follows ------------------------------------------------------------------------------------------
+
+
+def test_a_rate_follows_what_is_told(tanks, clock):
+    """O5: the number goes on from its value there."""
+    tanks.start("fill", "a")
+    at(clock, 10)
+    tanks.add("(= (inflow a) 3)")
+    at(clock, 20)
+    assert level(tanks, 0, 5, 10, 12, 20, 30) == [0, 5, 10, 16, 40, 70]
+    assert tanks.when("(> (level a) 13)", START, START + seconds(50)) == [
+        (START + seconds(11) + 1, START + seconds(50))
+    ]
+
+
+def test_a_rate_follows_effects_of_other_actions(tanks, clock):
+    """O5: at their start and end, real and expected."""
+    tanks.start("fill", "a")
+    at(clock, 10)
+    boost = tanks.start("boost", "a", "b", duration=seconds(10))
+    # 10 at 10 s, 5 a second for 10 s, then 1 a second
+    assert level(tanks, 10, 15, 20, 30) == [10, 35, 60, 70]
+    at(clock, 15)
+    tanks.abort(boost)
+    assert level(tanks, 15, 20, 30) == [35, 60, 110]
+
+
+def test_a_rate_follows_a_schedule_by_the_clock_alone(tanks, clock):
+    """O5: pieces that lie ahead are settled when they are told; nobody has to be there when they come."""
+    tanks.start("fill", "a")
+    at(clock, 2)
+    tanks.add("(= (inflow a) 4)", initial_time=START + seconds(5))
+    tanks.add("(= (inflow a) 0)", initial_time=START + seconds(7))
+    expected = [0, 5, 13, 13]
+    assert level(tanks, 0, 5, 7, 50) == expected
+    believed = START + seconds(2)
+    at(clock, 60)
+    assert level(tanks, 0, 5, 7, 50) == expected
+    assert level(tanks, 5, 7, 50, as_of=believed) == expected[1:]
+    assert [str(item) for item in tanks.state(believed).timed_knowledge] == ["(= (inflow a) 4)", "(= (inflow a) 0)"]
+    assert tanks.when("(= (level a) 13)", START, START + seconds(50)) == [(START + seconds(7), START + seconds(50))]
+
+
+def test_a_schedule_that_is_taken_back_is_not_followed(tanks, clock):
+    """O5: what had been derived from it is derived anew."""
+    tanks.start("fill", "a")
+    tanks.add("(= (inflow a) 4)", initial_time=START + seconds(5))
+    at(clock, 2)
+    before = START + seconds(1)
+    tanks.remove("(inflow a)", initial_time=START + seconds(5))
+    assert level(tanks, 5, 10) == [5, 10]
+    assert level(tanks, 10, as_of=before) == [25]
+    tanks.add("(= (level a) 100)")
+    at(clock, 10)
+    assert level(tanks, 1, 2, 10) == [1, 100, 108]
+
+
+def test_pieces_ahead_come_by_the_clock(tanks, clock):
+    """O5, Q6: they are in no transaction's change, and what watches is told of them as they come."""
+    tanks.start("fill", "a")
+    done = tanks.add("(= (inflow a) 4)", initial_time=START + seconds(5))
+    (change,) = tanks.changes(after=done.number - 1)
+    assert [str(a.item) for a in change.asserted] == ["(= (inflow a) 4)"]
+    at(clock, 6)
+    (due,) = tanks.watch(after=done.number, timeout=0)
+    assert due.time == START + seconds(5)
+    assert sorted(str(a.item).split(")")[0] for a in due.asserted) == ["(= (inflow a", "(= (level a"]
+
+
+def test_a_function_that_is_scheduled_itself_moves_on_from_there(tanks, clock):
+    """O5, C7: with the rate of its time."""
+    tanks.start("fill", "a")
+    tanks.add("(= (level a) 50)", initial_time=START + seconds(10))
+    tanks.add("(= (inflow a) 2)", initial_time=START + seconds(5))
+    tanks.add("(= (inflow a) 3)", initial_time=START + seconds(12))
+    expected = [5, 15 - 2e-9, 50, 54, 57]
+    assert level(tanks, 5, 10, 12, 13) == [5, 50, 54, 57]
+    assert tanks.value("(level a)", at=START + seconds(10) - 1) == pytest.approx(expected[1])
+    at(clock, 20)
+    assert level(tanks, 5, 10, 12, 13) == [5, 50, 54, 57]
+
+
+def test_contributions_add_up_and_end_each_with_its_own(tanks, clock):
+    """O3, O5: two runs move one function by the same number."""
+    fill = tanks.start("fill", "a")
+    tanks.start("twice", "a")
+    at(clock, 10)
+    tanks.add("(= (inflow a) 2)")
+    at(clock, 20)
+    tanks.end(fill)
+    assert level(tanks, 10, 20, 30) == [30, 90, 130]
+
+
+def test_conditions_and_quantifiers_are_evaluated_again(tanks, clock):
+    """O5: a `when` that comes true, an object that is added, and one that is removed."""
+    tanks.add("(= (level a) 1000)", "(= (size v) 1)")
+    tanks.start("drain", "a")
+    at(clock, 10)
+    tanks.add("(open v)")
+    at(clock, 20)
+    tanks.add("w - valve", "(= (size w) 2)", "(open w)")
+    at(clock, 30)
+    tanks.add("(paused)")
+    at(clock, 40)
+    tanks.remove("(paused)")
+    at(clock, 50)
+    tanks.remove("v - valve")
+    at(clock, 60)
+    assert level(tanks, 10, 20, 30, 40, 50, 60) == [1000, 990, 960, 960, 930, 910]
+
+
+def test_a_condition_by_rules_is_followed(tanks, clock):
+    """O5, V9: also where rules of the domain read a number."""
+    tanks.add("(= (pressure) 1)")
+    tanks.start("press", "a")
+    at(clock, 10)
+    tanks.add("(= (pressure) 9)")
+    at(clock, 20)
+    assert level(tanks, 10, 20) == [0, 10]
+
+
+def test_what_is_asked_at_start_stays(tanks, clock):
+    """O2, O5: an at-start part counts as it was at the start; the rate itself follows."""
+    tanks.add("(on a)")
+    tanks.start("latched", "a")
+    at(clock, 10)
+    tanks.remove("(on a)")
+    tanks.add("(= (inflow a) 2)")
+    at(clock, 20)
+    assert level(tanks, 10, 20) == [10, 30]
+
+
+def test_rates_are_followed_after_a_restart(clock, tmp_path):
+    """O5: with what their effects remember of the start."""
+    with kbstore.open(tmp_path / "tanks.db", "tanks", clock=clock) as kb:
+        kb.load(TANKS)
+        kb.add("a - tank", "(= (level a) 0)", "(= (inflow a) 1)", "(on a)")
+        kb.start("latched", "a")
+        kb.remove("(on a)")
+    at(clock, 10)
+    with kbstore.open(tmp_path / "tanks.db", "tanks", clock=clock) as kb:
+        kb.add("(= (inflow a) 3)")
+        at(clock, 20)
+        assert level(kb, 10, 20) == [10, 40]
+
+
+def test_a_transaction_sees_the_rates_that_follow_from_it(tanks, clock):
+    """O5: before it is stored."""
+    tanks.start("fill", "a")
+    at(clock, 10)
+    with tanks.transaction() as tx:
+        tx.add("(= (inflow a) 3)")
+        assert tx.state().value("(level a)") == 10
+        assert [item.rate for item in tx.state().functions if str(item.atom) == "(level a)"] == [3]
+
+
+# -- what is not linear -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("prepared", "refused"),
+    [
+        # its own value
+        ([], lambda kb: kb.start("spiral")),
+        # a number with a rate, now or scheduled
+        ([Function(attribute_name="inflow", values=["a"], function_value=1, rate=2)], lambda kb: kb.start("fill", "a")),
+        (
+            [Function(attribute_name="inflow", values=["a"], function_value=1, rate=2, initial_time=START + 10**12)],
+            lambda kb: kb.start("fill", "a"),
+        ),
+        # the rule that a condition reads
+        ([Function(attribute_name="pressure", function_value=1, rate=2)], lambda kb: kb.start("press", "a")),
+    ],
+    ids=["own", "now", "scheduled", "condition"],
+)
+def test_a_start_whose_rate_reads_a_moving_number_is_refused(tanks, prepared, refused):
+    """O5: `NotLinear` names both, and nothing is stored."""
+    tanks.add("(= (pressure) 1)", *prepared)
+    with pytest.raises(kbstore.NotLinear) as error:
+        refused(tanks)
+    assert "moves itself" in str(error.value)
+    assert tanks.state().running == []
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda kb: kb.add(Function(attribute_name="inflow", values=["a"], function_value=1, rate=2)),
+        lambda kb: kb.add("(increase (inflow a) (* #t 1))"),
+        lambda kb: kb.add(
+            Function(attribute_name="inflow", values=["a"], function_value=1, rate=2), initial_time=START + 9
+        ),
+    ],
+    ids=["rate", "continuous", "scheduled"],
+)
+def test_a_transaction_that_makes_a_number_move_that_is_read_is_refused(tanks, change):
+    """O5: by the transaction, also where it only schedules that."""
+    tanks.start("fill", "a")
+    with pytest.raises(kbstore.NotLinear, match=r"\(level a\) by \(inflow a\)"):
+        change(tanks)
+    assert level(tanks, 10) == [10]
+
+
+def test_what_another_run_moves_is_not_read_at_whatever_rate(tanks):
+    """O5: `grow` moves the pressure by 0 a second, and `press` asks for it."""
+    tanks.add("(= (pressure) 1)")
+    run = tanks.start("grow")
+    with pytest.raises(kbstore.NotLinear):
+        tanks.start("press", "a")
+    tanks.abort(run)
+    assert tanks.start("press", "a")
+    with pytest.raises(kbstore.NotLinear):
+        tanks.start("grow")
+
+
+# -- what is undefined --------------------------------------------------------------------------------------------
+
+
+def test_where_a_rate_has_no_value_the_number_is_undefined_until_it_is_set(tanks, clock):
+    """O5: never a rate that was frozen in silence."""
+    tanks.start("fill", "a")
+    at(clock, 10)
+    tanks.remove("(inflow a)")
+    assert not tanks.holds("(>= (level a) 0)")
+    at(clock, 20)
+    tanks.add("(= (inflow a) 2)")
+    with pytest.raises(kbstore.UndefinedFunction):
+        tanks.value("(level a)")
+    at(clock, 30)
+    tanks.add("(= (level a) 5)")
+    at(clock, 40)
+    assert level(tanks, 9, 30, 40) == [9, 5, 25]
+
+
+def test_what_is_set_while_the_rate_has_no_value_stands(tanks, clock):
+    """O5: until it is set, and from then on without that rate."""
+    tanks.add("(= (other) 2)")
+    tanks.start("ratio", "a")
+    at(clock, 10)
+    tanks.add("(= (other) 0)")
+    with pytest.raises(kbstore.UndefinedFunction):
+        tanks.value("(level a)")
+    tanks.add("(= (level a) 7)")
+    at(clock, 20)
+    tanks.add("(= (other) 6)", "(paused)")
+    at(clock, 30)
+    assert level(tanks, 10, 20, 30) == [7, 7, 17]
+
+
+def test_a_number_becomes_undefined_by_the_clock(tanks, clock):
+    """O5: where what its rate reads is scheduled to have no value; a value that is scheduled later stands again."""
+    tanks.add("(= (other) 2)")
+    tanks.start("ratio", "a")
+    tanks.add("(= (other) 0)", initial_time=START + seconds(5))
+    tanks.add("(= (other) 3)", initial_time=START + seconds(8))
+    tanks.add("(= (level a) 1)", initial_time=START + seconds(9))
+    for now in (1, 30):
+        at(clock, now)
+        assert level(tanks, 4, 9, 10) == [12, 1, 3]
+        for t in (5, 8):
+            with pytest.raises(kbstore.UndefinedFunction):
+                level(tanks, t)
+
+
+# -- exactly as long as the domain says ---------------------------------------------------------------------------
+
+
+def test_at_its_expected_end_an_action_has_taken_exactly_its_duration(tanks, clock):
+    """O7: charging until full is full, for any rate, and its conditions and effects see that."""
+    chance = random.Random(7)
+    for _ in range(40):
+        first, rate = chance.uniform(0, 99), chance.choice([3, 7, 0.3, 11.7, chance.uniform(0.01, 50)])
+        tanks.add(f"(= (level a) {first!r})", f"(= (inflow a) {rate!r})")
+        run = tanks.start("charge", "a")
+        exact = first + rate * run.seconds
+        assert tanks.value("(log)", at=run.expected_end) == pytest.approx(100, abs=1e-13)
+        clock.set(run.expected_end)
+        ended = tanks.end(run)
+        assert tanks.value("(level a)") == tanks.value("(log)") == pytest.approx(exact, abs=3e-14)
+        assert ended.failing == [] or tanks.value("(level a)") < 100
+
+
+def test_at_any_other_end_it_has_taken_the_time_that_it_took(tanks, clock):
+    """O7: a second late is a second more."""
+    tanks.add("(= (inflow a) 3)")
+    run = tanks.start("charge", "a")
+    clock.set(run.expected_end + seconds(1))
+    tanks.end(run)
+    assert tanks.value("(level a)") == pytest.approx(103, abs=1e-8)
