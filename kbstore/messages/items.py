@@ -106,6 +106,17 @@ class Fact(_Attribute):
         ) -> None: ...
 
 
+def trusted_fact(name: str, values: Values, *, is_negative: bool = False) -> Fact:
+    """Make a fact of parts that are known to be valid, with everything else as it is by default."""
+    return Fact.trusted(
+        initial_time=0,
+        is_negative=is_negative,
+        attribute_name=name,
+        values=values,
+        knowledge_type=KnowledgeType.FACT,
+    )
+
+
 class Function(_Attribute):
     """A numeric function's value: ``(= (battery kenny) 80)``, or a change of it (rule C7).
 

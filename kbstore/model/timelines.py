@@ -129,6 +129,11 @@ def stored_key(key: str) -> str:
     return f"{key[:LONGEST_KEY]} #{sha256(key.encode()).hexdigest()}"
 
 
+def fact_value(is_negative: bool) -> Value:
+    """Return the value of a fact on its timeline."""
+    return (is_negative,)
+
+
 def number_at(value: Value, initial_time: int, t: int) -> float:
     """The value at `t` of a function's assertion (rule C7, in that order of operations)."""
     number: float = value[1]

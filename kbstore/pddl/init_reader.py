@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from kbstore.clock import seconds
 from kbstore.errors import InvalidKnowledge, InvalidTime
 from kbstore.messages import AssignOp, Fact, Function, KeyValue, KnowledgeType
+from kbstore.messages.items import trusted_fact
 from kbstore.model.domain import Signature
 from kbstore.names import is_wildcard, key
 from kbstore.pddl.conditions import UNCERTAIN, ConditionReader
@@ -76,7 +77,7 @@ class InitReader:
                 raise self.context.error(f"a fact stands in brackets, like ({group})", section, index)
             values = self._facts.values(group)
             if values is not None:
-                self.entries.append(_fact(str(group[0]), values))
+                self.entries.append(trusted_fact(str(group[0]), values))
             elif group.word(0) == "at" and len(group) == 3 and isinstance(group[2], Group):
                 self.timed.append((self._time(group), self._entry(group[2], timed=True)))
                 self.timed_offsets.append(group.start)
@@ -154,7 +155,7 @@ class InitReader:
         if is_derived:
             context.complain(InvalidKnowledge, f"{name} is derived by rules, and cannot be told", group)
         values = self._checked(group, context.predicate(name, group), Fitting() if is_derived else self._facts)
-        return _fact(name, values, is_negative)
+        return trusted_fact(name, values, is_negative=is_negative)
 
     def _value(self, group: Group, *, timed: bool) -> Function:
         context = self.context
@@ -208,16 +209,6 @@ class InitReader:
         for entry, offset in facts if denied else ():
             if not entry.is_negative and entry.key in denied:
                 self.context.complain_at(InvalidKnowledge, f"both {entry} and (not {entry}) are told", offset)
-
-
-def _fact(name: str, values: Values, is_negative: bool = False) -> Fact:
-    return Fact.trusted(
-        initial_time=0,
-        is_negative=is_negative,
-        attribute_name=name,
-        values=values,
-        knowledge_type=KnowledgeType.FACT,
-    )
 
 
 def _all_words(group: Group) -> bool:

@@ -20,6 +20,7 @@ from kbstore.messages import (
     key_values,
 )
 from kbstore.messages import Expression as Metric
+from kbstore.messages.items import trusted_fact
 from kbstore.model.domain import Signature
 from kbstore.model.expressions import NumericExpression
 from kbstore.model.formulas import Atom, Comparison
@@ -46,13 +47,7 @@ def labelled(arguments: tuple[str, ...], signature: Signature | None) -> tuple[K
 
 def fact_of(atom: Atom, signature: Signature | None, is_negative: bool = False) -> Fact:
     """The fact that an atom is."""
-    return Fact.trusted(
-        initial_time=0,
-        is_negative=is_negative,
-        attribute_name=atom.name,
-        values=labelled(atom.arguments, signature),
-        knowledge_type=KnowledgeType.FACT,
-    )
+    return trusted_fact(atom.name, labelled(atom.arguments, signature), is_negative=is_negative)
 
 
 def function_of(

@@ -29,7 +29,7 @@ from kbstore.model.formulas import (
     When,
     WhenAtStart,
 )
-from kbstore.model.timelines import Value
+from kbstore.model.timelines import Value, fact_value
 from kbstore.names import key
 from kbstore.planning.grounding import GroundAction
 from kbstore.planning.start_conditions import NOTHING, Remembered, premise
@@ -137,7 +137,7 @@ def outcome(
     without what runs, which a change relative to its value keeps (rule C7).
     """
     for atom, sign in _signs(effects, world):
-        yield KnowledgeType.FACT, atom, None if sign is None else (not sign,)
+        yield KnowledgeType.FACT, atom, None if sign is None else fact_value(is_negative=not sign)
     assigned = {change.function for change in effects.changes if change.operation is AssignOp.ASSIGN}
     for function, value in resulting(effects.changes, _values(world)).items():
         rate = 0.0 if function in assigned else own_rate(function)

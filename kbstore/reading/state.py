@@ -25,7 +25,7 @@ from kbstore.model.html import table
 from kbstore.model.plain import Data, Result, plain, times
 from kbstore.model.results import QueryResult, Run
 from kbstore.model.symbols import SymbolTable
-from kbstore.model.timelines import Identity, Role
+from kbstore.model.timelines import Identity, Role, fact_value
 from kbstore.pddl.parse import uncertain_atoms
 from kbstore.pddl.writer import write_problem
 from kbstore.planning.simulator import Mentions, Simulator
@@ -221,7 +221,7 @@ class State(Result):
         for event in self.projection().advance(max(ends, default=self.at)):
             if event.run is None:
                 continue
-            value = (True,) if event.value is None else event.value
+            value = fact_value(is_negative=True) if event.value is None else event.value
             item = cast("KnowledgeItem", self._reader.item(event.timeline, event.time, value, event.time))
             # of one time, the last word counts
             last.pop((event.time, event.timeline.identity), None)

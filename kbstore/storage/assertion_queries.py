@@ -61,7 +61,7 @@ class AssertionQueries:
         self.table = table.name
         self._table = table
         self._columns = table.c
-        own = [column for column in table.c if column.name not in tables.facts.c]
+        own = [table.c[name] for name in table.info[tables.OWN]]
         self._value = [table.c.is_negative, *own]
         self._state = [table.c.timeline_id, table.c.initial_time, *self._value]
         names = ("timeline_id", "initial_time", "end_time", "recorded_tx", "ended_tx", "retired_tx", "told_tx")

@@ -178,6 +178,10 @@ mentions = Table(
 )
 
 
+OWN = "own"
+"""The key of a table's `info` under which its own columns are listed."""
+
+
 def _assertions(name: str, *own: Column[object]) -> Table:
     """A table of assertions: what all of them have, and its own columns.
 
@@ -205,6 +209,7 @@ def _assertions(name: str, *own: Column[object]) -> Table:
         *own,
         PrimaryKeyConstraint("kb_id", "recorded_tx", "seq"),
         ForeignKeyConstraint(["kb_id", "timeline_id"], ["timelines.kb_id", "timelines.id"]),
+        info={OWN: tuple(column.name for column in own)},
     )
     columns = table.c
     by_timeline = (columns.kb_id, columns.timeline_id, columns.initial_time)

@@ -24,7 +24,7 @@ from kbstore.messages import (
 )
 from kbstore.model.formulas import Comparison, Formula
 from kbstore.model.symbols import SymbolTable
-from kbstore.model.timelines import METRIC_KEY, EndCause, Identity, Role, Value, atom_key
+from kbstore.model.timelines import METRIC_KEY, EndCause, Identity, Role, Value, atom_key, fact_value
 from kbstore.names import is_wildcard, key, matches
 from kbstore.pddl.parse import condition_of, parse_condition, uncertain_atoms
 from kbstore.pddl.printer import condition_text, expression_text
@@ -134,7 +134,7 @@ class Handlers:
         state = self.resolver.atom(item, KnowledgeType.FACT, role, t)
         if not isinstance(state, TimelineState):
             return state
-        self._change_set.put(state, (item.is_negative,), t)
+        self._change_set.put(state, fact_value(item.is_negative), t)
         return _NONE
 
     def _add_function(self, item: Function, t: int) -> Violations:
