@@ -304,16 +304,19 @@ class KnowledgeBase:
         problem: str | os.PathLike[str] | None = None,
         *,
         replace: bool = False,
+        once: bool = False,
         client: str = "",
         note: str = "",
     ) -> Transaction:
         """Load a PDDL domain, and a problem, from paths or text, in one transaction.
 
         A `unified_planning` Problem is loaded as both, in its own names (rule P7). A problem adds to what stands; with
-        `replace`, everything is cleared first. Its timed-initial knowledge is relative to now.
+        `replace`, everything is cleared first. Its timed-initial knowledge is relative to now. With `once`, nothing
+        happens where this knowledge base has ever loaded the same texts, also after `clear`: for services that load
+        at each start.
         """
         with self.transaction(client=client, note=note) as tx:
-            tx.load(domain, problem, replace=replace)
+            tx.load(domain, problem, replace=replace, once=once)
         return tx.result
 
     def set_sensed(self, name: str, sensed: bool, *, client: str = "", note: str = "") -> Transaction:

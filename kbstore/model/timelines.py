@@ -36,6 +36,8 @@ class Role(IntEnum):
     STATE = 0
     GOAL = 1
     CONSTRAINT = 2
+    LOAD = 3
+    """A domain and a problem that have been loaded; the timeline is the record of it, and nothing is asserted on it."""
 
 
 class EndCause(IntEnum):

@@ -35,7 +35,7 @@ _SECTIONS = (
 _REPEATED = (":derived", ":action", ":durative-action", ":process", ":event")
 
 
-def read_domain(source: str | os.PathLike[str]) -> MessageDomain:
+def read_domain(source: str | os.PathLike[str] | SourceText) -> MessageDomain:
     """The domain in a file, or in PDDL text. Its sections may come in any order.
 
     Raises `PddlSyntaxError`, with the place, for what cannot be read or does not fit: undeclared and repeated names,

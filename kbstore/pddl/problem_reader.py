@@ -81,7 +81,7 @@ class Problem:
     source: str | None = field(default=None, compare=False)
 
 
-def read_problem(source: str | os.PathLike[str], domain: Domain | None = None) -> Problem:
+def read_problem(source: str | os.PathLike[str] | SourceText, domain: Domain | None = None) -> Problem:
     """The problem in a file, or in PDDL text. Its sections may come in any order.
 
     Raises:

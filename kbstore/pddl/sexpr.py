@@ -54,8 +54,10 @@ class SourceText:
         self._offsets: list[int] = []
 
     @classmethod
-    def open(cls, source: str | os.PathLike[str]) -> "SourceText":
+    def open(cls, source: "str | os.PathLike[str] | SourceText") -> "SourceText":
         """The text itself if it is PDDL (it contains a bracket), otherwise what the file of that name holds."""
+        if isinstance(source, SourceText):
+            return source
         if not isinstance(source, str | os.PathLike):
             raise PddlSyntaxError(f"give the path of a PDDL file, or PDDL text, not {source!r:.80}")
         if isinstance(source, str) and "(" in source and not _is_file(source):

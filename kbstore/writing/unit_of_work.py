@@ -4,13 +4,14 @@ import json
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
+from hashlib import sha256
 from types import TracebackType
 from typing import Self, TypeVar
 
 from kbstore.clock import DurationLike, TimeLike, time
 from kbstore.errors import Conflict, InvalidKnowledge, KbStoreError
 from kbstore.interop.up_loading import PlanningProblem, sources
-from kbstore.messages import UpdateType
+from kbstore.messages import KnowledgeType, UpdateType
 from kbstore.messages.bulk import gc_paused
 from kbstore.model.domain import Domain
 from kbstore.model.results import Applicability, Run, Transaction
@@ -18,6 +19,7 @@ from kbstore.model.symbols import SymbolTable
 from kbstore.model.timelines import Role, Timeline
 from kbstore.pddl.domain_reader import read_domain
 from kbstore.pddl.problem_reader import read_problem
+from kbstore.pddl.sexpr import SourceText
 from kbstore.reading.mentions import mentions
 from kbstore.reading.questions import Knowledge, Question
 from kbstore.reading.reader import Reader
@@ -66,6 +68,7 @@ class OpenTransaction:
         self._tolerance = tolerance
         self._is_whole = True
         self._is_open = False
+        self._loads: list[str] = []
         self._guard = guard
         self._contexts = ExitStack()
 
@@ -149,6 +152,11 @@ class OpenTransaction:
             SymbolRow(int(kind), name_key, shape.name, shape.arity, " ".join(shape.labels or ()))
             for (kind, name_key), shape in self._symbols.shapes.items()
             if self._stored_shapes.get((kind, name_key)) != shape
+        ]
+        writes.timelines += [
+            Timeline(0, Role.LOAD, KnowledgeType.EXPRESSION, digest, None)
+            for digest in dict.fromkeys(self._loads)
+            if not self._repository.find(Role.LOAD, KnowledgeType.EXPRESSION, [digest])
         ]
         head = self._repository.save(writes, self._head, self.now, client=self._client, note=self._note)
         return Transaction(head.number, self.now, self._client, self._note, writes.changes), writes.timelines
@@ -269,15 +277,16 @@ class OpenTransaction:
         problem: str | os.PathLike[str] | None = None,
         *,
         replace: bool = False,
+        once: bool = False,
     ) -> None:
         """Load a domain, and a problem: paths, PDDL text, or a `unified_planning` Problem (rules D4, P3, P7).
 
-        `replace` clears first.
+        `replace` clears first. With `once`, nothing happens where the same texts have ever been loaded.
         """
         self._open_handlers()
         self._is_whole = False
         with gc_paused():
-            self._load(domain, problem, replace=replace)
+            self._load(domain, problem, replace=replace, once=once)
         self._is_whole = True
 
     def _load(
@@ -286,18 +295,32 @@ class OpenTransaction:
         problem: str | os.PathLike[str] | None,
         *,
         replace: bool,
+        once: bool,
     ) -> None:
-        domain, problem = sources(domain, problem)
-        loaded = self._symbols.domain if domain is None else read_domain(domain)
-        read = None if problem is None else read_problem(problem, loaded)
+        given = [None if source is None else SourceText.open(source) for source in sources(domain, problem)]
+        digest = self._digest(*given)
+        if once and self._was_loaded(digest):
+            return
+        loaded = self._symbols.domain if given[0] is None else read_domain(given[0])
+        read = None if given[1] is None else read_problem(given[1], loaded)
         if read is not None and read.uncertain and not self._reader.use_unknowns:
             raise InvalidKnowledge(*closed_world_violations(read))
         if replace:
             self.clear()
-        if loaded is not None and domain is not None:
+        if loaded is not None and given[0] is not None:
             self.set_domain(self._marked(loaded))
         if read is not None:
             self._apply_batch(problem_batch(read, self._handlers, self.now))
+        self._loads.append(digest)
+
+    def _digest(self, domain: SourceText | None, problem: SourceText | None) -> str:
+        """What is kept of a domain and a problem, to know them again; without a domain, of the one in force."""
+        known = self._symbols.domain.source if self._symbols.domain else ""
+        texts = (known if domain is None else domain.text, "" if problem is None else problem.text)
+        return sha256("\0".join(texts).encode("utf-8", "surrogatepass")).hexdigest()
+
+    def _was_loaded(self, digest: str) -> bool:
+        return digest in self._loads or bool(self._repository.find(Role.LOAD, KnowledgeType.EXPRESSION, [digest]))
 
     def _marked(self, domain: Domain) -> Domain:
         """The domain with the marks of what is sensed that the one before had."""
