@@ -14,7 +14,8 @@ answers of a `State`   question                       1,000 of each state       
 
 ``kbstore.open(cache=False)`` turns all of them off. Beside them there are pure functions behind
 `functools.lru_cache` (labelled values, the nodes of an interval tree, the compiled rules of a domain, the objects
-in a text), whose results depend on their arguments alone.
+in a text) and what is worked out once for each symbol of a domain, which goes with the domain; these depend on their
+arguments alone, and are never wrong.
 """
 
 from collections.abc import Callable

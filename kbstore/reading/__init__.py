@@ -1,1 +1,1 @@
-"""Answers: the state at a moment, single facts, histories, differences, explanations, the course of a condition."""
+"""Answers questions: states at a time, single facts, histories, differences, explanations, when a condition held."""

@@ -1,4 +1,4 @@
-"""What differs between two states (rule Q5): it compares what was said."""
+"""Compares what was asserted in two states (rule Q5)."""
 
 from kbstore.messages import Expression, Fact, Function, Inequality, Instance, KnowledgeItem
 from kbstore.model.results import Diff
@@ -57,7 +57,7 @@ def _numbers(before: State, after: State) -> list[tuple[Function, float | None, 
 
 
 def _said(state: State) -> dict[str, Fact | Inequality]:
-    """What is said in a state of either sign, by its text without the sign."""
+    """Return what is asserted or denied in a state, by its text without the sign."""
     said: list[Fact | Inequality] = [*state.facts, *state.inequalities]
     return {item.text.lower(): item for item in said}
 

@@ -165,7 +165,7 @@ class Explainer:
         return self._of_row(repository, state, text, truth, self._rows(repository, state, kind, name), absent)
 
     def _expected(self, repository: Repository, state: State, identity: Identity) -> Event | None:
-        """The last change of a timeline that is reckoned and not stored, for a time after the belief (rule O3)."""
+        """Return the last change of a timeline that is computed, for a time after what is believed (rule O3)."""
         head = repository.head()
         belief = state.belief or LogPosition(self._reader.resolver.now(head))
         if state.at <= belief.time or not self._reader.running(repository, belief, head):
@@ -177,7 +177,7 @@ class Explainer:
     def _rows(
         self, repository: Repository, state: State, kind: KnowledgeType, name: str
     ) -> Sequence[RecordedAssertion]:
-        """The latest rows of a timeline that begin by the state's time, as they were believed."""
+        """Return the latest rows of a timeline that begin by the state's time, as they were believed then."""
         timeline = repository.find(Role.STATE, kind, [name]).get(name)
         if timeline is None:
             return ()
@@ -195,7 +195,7 @@ class Explainer:
     def _believed(
         self, repository: Repository, belief: LogPosition, rows: Sequence[RecordedAssertion]
     ) -> list[RecordedAssertion]:
-        """The rows as they were at the moment of a belief: what was ended or cancelled later, was not yet."""
+        """Return the rows as of a position in the log: without the ends and cancellations recorded after it."""
         numbers = {number for row in rows for number in (row.recorded, row.ended, row.cancelled) if number}
         transactions = self._history.transactions(repository, numbers)
 

@@ -47,7 +47,7 @@ class History:
             return Assertions(self.as_assertions(repository, rows, symbol_table))
 
     def _symbols(self, repository: Repository, now: TemporalPoint, pattern: Knowledge, until: int) -> SymbolTable:
-        """The latest vocabulary that knows the pattern's symbol (rule D4)."""
+        """Return the latest symbols among which the pattern's is known (rule D4)."""
         versions = [v for v in self._reader.domains.all(repository, now.head) if v.time < until]
         if not versions:
             return self._reader.symbol_table(repository, now.head, now.position)

@@ -1,4 +1,4 @@
-"""What stands on timelines, as the items that messages carry."""
+"""Makes the items that messages carry from rows."""
 
 from collections.abc import Iterable
 
@@ -30,13 +30,13 @@ _ATOMS = (KnowledgeType.FACT, KnowledgeType.FUNCTION)
 
 
 class ItemFactory:
-    """Reads items with the labels of one vocabulary."""
+    """Makes items with the labels of one symbol table."""
 
     def __init__(self, symbol_table: SymbolTable) -> None:
         self._symbols = symbol_table
 
     def item(self, timeline: Timeline, initial_time: int, value: Value, t: int) -> KnowledgeItem | Condition:
-        """The item that stands; of a function, with its value at `t`."""
+        """Return the item of a row; a function's has its value at `t`."""
         match timeline.kind:
             case KnowledgeType.FACT:
                 return Fact.trusted(

@@ -43,7 +43,7 @@ class LazyState:
         return min(self._ends, *(self._repository.next_start(line, self.time) for line in self._absent), OPEN)
 
     def sign(self, name: str, arguments: Arguments) -> bool | None:
-        """True where the fact is asserted, False where it is explicitly false, None where nothing is said."""
+        """True where the fact is asserted, False where it is explicitly false, None where neither is."""
         row = self.row(KnowledgeType.FACT, atom_key((name, *arguments)))
         return None if row is None else not row[2][0]
 

@@ -1,4 +1,4 @@
-"""The state of a knowledge base at one moment: what stands, what is scheduled, what runs."""
+"""The state of a knowledge base at one time: what holds, what is scheduled, what runs."""
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
@@ -52,7 +52,7 @@ def _asked(question: Question, symbol_table: SymbolTable) -> KnowledgeItem | Con
 
 
 class State(Result):
-    """Everything that stood (or is expected to stand) at one time; immutable, and independent of the database.
+    """Everything that held (or is expected to hold) at one time; immutable, and independent of the database.
 
     Attributes:
         at: The time, in nanoseconds.
@@ -107,7 +107,7 @@ class State(Result):
 
     @cached_property
     def facts(self) -> list[Fact]:
-        """The facts that are said, of both signs."""
+        """The facts, of both signs."""
         return self._items(KnowledgeType.FACT, Fact)
 
     @cached_property
@@ -134,7 +134,7 @@ class State(Result):
 
     @cached_property
     def constraints(self) -> list[str]:
-        """What problems said that no item can carry, in PDDL (rule P4).
+        """The parts of loaded problems that no item can carry, in PDDL (rule P4).
 
         These are constraints on the plan's course, values of object fluents, and ``oneof``, ``or`` and ``unknown`` in
         the initial state, as long as none of their atoms has been asserted.

@@ -1,4 +1,4 @@
-"""What stood over a span of time, from the store: the `Course` that `when` is answered from.
+"""Reads what held over a span of time: the `Trajectory` on which `when` is computed.
 
 Only the timelines that a condition reads are read, from the assertion that stands where the span begins.
 """
@@ -37,7 +37,7 @@ MINUTE = 60 * SECOND
 
 
 class StoredTrajectory:
-    """What stands over a span, under one version of the domain. Past now, what is expected (rule O3)."""
+    """What holds over a span, under one version of the domain; after now, what is expected to (rule O3)."""
 
     def __init__(
         self,
@@ -55,15 +55,15 @@ class StoredTrajectory:
         self._point = now
         self._pieces: dict[Identity, list[Piece]] = {}
 
-    # -- the course -------------------------------------------------------------------------------------------
+    # -- the trajectory --------------------------------------------------------------------------------------
 
     def signs(self, name: str, arguments: Arguments) -> Sequence[tuple[int, int, bool]]:
-        """The pieces in which one fact is said, each with its sign."""
+        """The pieces in which one fact is asserted or denied, each with its sign."""
         pieces = self._of_key(KnowledgeType.FACT, atom_key((name, *arguments)))
         return [(start, end, not value[0]) for start, end, value, _ in pieces]
 
     def all_signs(self, name: str) -> Mapping[Arguments, Sequence[tuple[int, int, bool]]]:
-        """The pieces of every fact of a predicate that is said somewhere in the span."""
+        """The same for every fact of a predicate that is asserted or denied somewhere in the span."""
         timelines = self._repository.of_symbol(Role.STATE, KnowledgeType.FACT, name)
         expected = [identity for identity in self._expected if _is_of_symbol(identity, name)]
         self._load(timelines)
@@ -137,7 +137,7 @@ class StoredTrajectory:
         return self._with_expected(identity)
 
     def _load(self, timelines: Iterable[Timeline]) -> None:
-        """Read what stood on timelines in the span, all of one knowledge type."""
+        """Read what held on timelines in the span, all of one knowledge type."""
         missing = [timeline for timeline in timelines if timeline.identity not in self._pieces]
         if not missing:
             return

@@ -14,7 +14,7 @@ from kbstore.report.time_format import TimeFormat, span
 
 
 def history_table(assertions: Sequence[Assertion], moments: TimeFormat) -> RenderableType:
-    """Assertions in order of time: from when to when they stood, who said so, and who ended or cancelled it."""
+    """Assertions in order of time: from when to when they held, who recorded them, and who ended or cancelled them."""
     rows = [
         (
             item_text(found.item),
@@ -37,7 +37,7 @@ def outcome(found: Assertion, moments: TimeFormat) -> str:
 
 
 def by(transaction: Transaction, moments: TimeFormat, beside: int | None = None) -> str:
-    """A transaction in a few words: its number, its client, its time (unless that stands `beside` it)."""
+    """A transaction in a few words: its number, its client, its time (unless that is shown `beside` it)."""
     client = f" by {printable(transaction.client)}" if transaction.client else ""
     time = "" if transaction.time == beside else f" at {moments.absolute(transaction.time)}"
     return f"#{transaction.number}{client}{time}"
@@ -126,7 +126,7 @@ def _explanation_line(explanation: Explanation, moments: TimeFormat) -> Text:
 
 
 def applicability_view(action: str, answer: Applicability, moments: TimeFormat) -> RenderableType:
-    """Whether an action can be applied, and what stands against it."""
+    """Whether an action can be applied, and which conditions fail."""
     if answer:
         return Text(f"{action} is applicable")
     lines = [Text(f"{action} is not applicable:")]

@@ -1,4 +1,4 @@
-"""Times and durations as people read them: absolute, and relative to a moment."""
+"""Times and durations as people read them: absolute, and relative to now."""
 
 from dataclasses import dataclass
 
