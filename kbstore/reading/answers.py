@@ -9,9 +9,12 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from kbstore.caches import LRU
-from kbstore.clock import Clock, TimeLike, time
-from kbstore.evaluation.interpretation import Number
-from kbstore.messages import Truth
+from kbstore.clock import OPEN, Clock, TimeLike, time
+from kbstore.errors import KbStoreError
+from kbstore.evaluation.argument_types import check_types
+from kbstore.evaluation.interpretation import Interpretation, Number
+from kbstore.messages import KnowledgeType, Truth
+from kbstore.model.domain import Domain
 from kbstore.model.results import AsOf
 from kbstore.model.symbols import SymbolTable
 from kbstore.model.timelines import Role
@@ -110,6 +113,8 @@ class Answers:
         if not self._resolver.is_stored(point, t) or point.domain_version != version.version or t < version.time:
             return None
         value, end_time = point.value, point.end_time
+        if value is None and not self._is_plausible(prepared, repository, point.number, version.domain):
+            return None
         answer: _Answer
         if type(prepared) is PreparedCondition:
             answer = prepared.if_absent if value is None else prepared.if_denied if value[0] else prepared.if_asserted
@@ -130,6 +135,38 @@ class Answers:
             point = self._resolver.resolve(repository, at, as_of)
             symbols = reader.symbols_at(repository, point)
             world = reader.world(repository, point, symbols.domain)
-            answer = form.prepare(question, symbols).evaluate(world)
+            prepared = form.prepare(question, symbols)
+            try:
+                answer: _Answer = prepared.evaluate(world)
+                is_proven = prepared.proves_types and answer not in (Truth.FALSE, Truth.UNKNOWN)
+            except KbStoreError:
+                self._check(prepared, repository, world, point.head.number)
+                raise
+            if not is_proven:
+                self._check(prepared, repository, world, point.head.number)
             until = world.until if look_ahead and isinstance(world, LazyState) else point.valid_time
             return point.valid_time, until, answer
+
+    def _check(self, prepared: _Prepared, repository: Repository, world: Interpretation, number: int) -> None:
+        """Raise `InvalidKnowledge` for a question that cannot be meant at the time of a world (rule V10)."""
+        if not self._is_plausible(prepared, repository, number, world.domain):
+            check_types(prepared.named, world.type_of, world.domain)
+
+    @staticmethod
+    def _is_plausible(prepared: _Prepared, repository: Repository, number: int, domain: Domain | None) -> bool:
+        """Whether no object that a question names has ever been of a type that its parameter excludes (rule V10).
+
+        Looked up once for each transaction, and only where an answer depends on it: what holds fits.
+        """
+        if not prepared.named or prepared.plausible_at == number:
+            return True
+        timelines = repository.find(Role.STATE, KnowledgeType.INSTANCE, [use.name for use in prepared.named])
+        if timelines:
+            types: dict[str, set[str]] = {}
+            for row in repository.history(KnowledgeType.INSTANCE, list(timelines.values()), 0, OPEN):
+                types.setdefault(row.timeline.key, set()).add(row.value[1])
+            for use in prepared.named:
+                if domain is None or not all(domain.is_subtype(name, use.types) for name in types.get(use.name, ())):
+                    return False
+        prepared.plausible_at = number
+        return True

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 from kbstore.clock import OPEN
 from kbstore.evaluation import conditions
+from kbstore.evaluation.argument_types import check_types
 from kbstore.messages import KnowledgeType, Truth, format_number
 from kbstore.model import formulas
 from kbstore.model.expressions import atoms_of
@@ -47,6 +48,7 @@ class Explainer:
             for asked in (state.at, state.at if state.belief is None else state.belief.time):
                 self._reader.resolver.refuse_archived(asked, head)
             prepared = self._reader.questions.condition(question, SymbolTable(state.domain))
+            check_types(prepared.named, state.snapshot.type_of, state.domain)
             return self._condition(repository, state, prepared.formula)
 
     def _condition(self, repository: Repository, state: State, condition: formulas.Formula) -> Explanation:

@@ -5,6 +5,7 @@ from typing import Protocol, cast, get_args
 
 from kbstore.caches import LRU, QUESTIONS
 from kbstore.evaluation import expressions
+from kbstore.evaluation.argument_types import named_arguments
 from kbstore.evaluation.evaluator import Evaluation
 from kbstore.evaluation.interpretation import Interpretation
 from kbstore.evaluation.snapshot import StateRow
@@ -12,7 +13,7 @@ from kbstore.evaluation.wellformed import check, check_expression
 from kbstore.messages import Condition, Fact, Function, KnowledgeType, Truth
 from kbstore.model.domain import Domain
 from kbstore.model.expressions import NumericExpression, atoms_of
-from kbstore.model.formulas import Atom, Comparison, Defined, Formula, Not, symbols_in, walk
+from kbstore.model.formulas import Atom, Comparison, Defined, Forall, Formula, Imply, Not, Or, symbols_in, walk
 from kbstore.model.symbols import SymbolTable
 from kbstore.model.timelines import Timeline, atom_key
 from kbstore.names import is_wildcard, key
@@ -35,12 +36,29 @@ class PreparedCondition:
         kind, key: of the timeline.
         timeline: that timeline, once it has been found.
         if_asserted, if_denied, if_absent: the truth where it asserts something, explicitly denies it, says nothing.
+        named: the objects whose types decide whether it can be meant (rule V10).
+        plausible_at: the number of the transaction after which none of these had ever been of a wrong type.
+        proves_types: whether they are of the right types where it is true: each of its atoms is true then.
     """
 
-    __slots__ = ("formula", "if_absent", "if_asserted", "if_denied", "key", "kind", "timeline")
+    __slots__ = (
+        "formula",
+        "if_absent",
+        "if_asserted",
+        "if_denied",
+        "key",
+        "kind",
+        "named",
+        "plausible_at",
+        "proves_types",
+        "timeline",
+    )
 
     def __init__(self, formula: Formula, domain: Domain | None, *, use_unknowns: bool) -> None:
         self.formula = formula
+        self.named = named_arguments(formula, domain)
+        self.plausible_at = -1
+        self.proves_types = not any(isinstance(node, Not | Or | Imply | Forall) for node, _, _ in walk(formula, {}))
         self.timeline: Timeline | None = None
         part = formula.part if isinstance(formula, Not) else formula
         absent = Truth.FALSE
@@ -73,14 +91,18 @@ class PreparedExpression:
     Attributes:
         kind, key: of the timeline.
         timeline: that timeline, once it has been found.
+        named, plausible_at, proves_types: as of `PreparedCondition`; where it has a value, each function has one.
     """
 
-    __slots__ = ("expression", "key", "timeline")
+    __slots__ = ("expression", "key", "named", "plausible_at", "timeline")
 
     kind = KnowledgeType.FUNCTION
+    proves_types = True
 
     def __init__(self, expression: NumericExpression, domain: Domain | None) -> None:
         self.expression = expression
+        self.named = named_arguments(expression, domain)
+        self.plausible_at = -1
         self.timeline: Timeline | None = None
         only = expression[0] if len(expression) == 1 else None
         self.key = _ground_key(only) if isinstance(only, Atom) else None

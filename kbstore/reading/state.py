@@ -9,6 +9,7 @@ from kbstore.caches import LRU, STATE_ANSWERS
 from kbstore.clock import isoformat
 from kbstore.conversion import MessageDomain
 from kbstore.errors import KbStoreError
+from kbstore.evaluation.argument_types import check_types
 from kbstore.messages import (
     Condition,
     Expression,
@@ -185,7 +186,9 @@ class State(Result):
         known = self._answers.get(question) if type(question) is str else None
         if known is not None:
             return known
-        found = self._questions.condition(question, self.symbol_table).evaluate(self.snapshot)
+        prepared = self._questions.condition(question, self.symbol_table)
+        check_types(prepared.named, self.snapshot.type_of, self.domain)
+        found = prepared.evaluate(self.snapshot)
         if type(question) is str:
             self._answers.put(question, found)
         return found
@@ -199,7 +202,9 @@ class State(Result):
 
         Raises `UndefinedFunction` or `DivisionByZero` where it has none.
         """
-        return self._questions.expression(question, self.symbol_table).evaluate(self.snapshot)
+        prepared = self._questions.expression(question, self.symbol_table)
+        check_types(prepared.named, self.snapshot.type_of, self.domain)
+        return prepared.evaluate(self.snapshot)
 
     def explain(self, question: Question) -> "Explanation":
         """Why a fact or condition is true, false or unknown, and the transaction that made it so."""

@@ -10,9 +10,11 @@ from functools import cached_property
 
 from kbstore.clock import OPEN, SECOND
 from kbstore.errors import InvalidKnowledge, NotLinear, UnknownSymbol
+from kbstore.evaluation.argument_types import NamedArgument, wrong_type
 from kbstore.evaluation.interpretation import Arguments, Number, Span
 from kbstore.evaluation.intervals import Intervals, merged
 from kbstore.evaluation.snapshot import is_of
+from kbstore.evaluation.trajectory_views import TrajectoryAt
 from kbstore.evaluation.wellformed import check
 from kbstore.evaluation.when import intervals
 from kbstore.messages import KnowledgeType, Truth
@@ -23,6 +25,7 @@ from kbstore.model.timelines import Identity, Role, Timeline, Value, atom_key
 from kbstore.names import key
 from kbstore.pddl.printer import condition_text
 from kbstore.planning.simulator import Event
+from kbstore.reading.prepared import PreparedCondition
 from kbstore.reading.questions import Question
 from kbstore.reading.reader import Reader
 from kbstore.reading.resolver import TemporalPoint
@@ -200,7 +203,9 @@ def when_true(reader: Reader, repository: Repository, condition: Question, since
     found: list[Span] = []
     first, last, now = reader.resolver.resolve_span(repository, since, until)
     parts = list(reader.domains.within(repository, now.head, first, last))
-    formula, checked = _formula(reader, condition, [symbol_table for _, _, symbol_table in parts])
+    prepared, checked = _prepared(reader, condition, [symbol_table for _, _, symbol_table in parts])
+    formula = prepared.formula
+    misfits: dict[NamedArgument, InvalidKnowledge | None] = {}
     for start, end, symbol_table in parts:
         domain = symbol_table.domain
         if domain is not None and end > now.valid_time + 1:
@@ -209,8 +214,26 @@ def when_true(reader: Reader, repository: Repository, condition: Question, since
             with suppress(UnknownSymbol):
                 check(formula, domain)
         trajectory = StoredTrajectory(reader, repository, now, (start, end), symbol_table.domain)
+        for use in prepared.named:
+            _note_types(use, trajectory, misfits)
         found += intervals(formula, trajectory)
+    for error in misfits.values():
+        if error is not None:
+            raise error
     return merged(found)
+
+
+def _note_types(
+    use: NamedArgument, trajectory: StoredTrajectory, misfits: dict[NamedArgument, InvalidKnowledge | None]
+) -> None:
+    """Keep the error for an object that exists in a span; None once it is of a type that fits anywhere (rule V10)."""
+    domain = trajectory.domain
+    for start, _, type_name in trajectory.lifespan(use.name) if domain is not None else ():
+        assert domain is not None
+        if domain.is_subtype(type_name, use.types):
+            misfits[use] = None
+        elif use not in misfits:
+            misfits[use] = wrong_type(use, type_name, TrajectoryAt(trajectory, start).type_of, domain)
 
 
 def since_when(
@@ -255,16 +278,16 @@ def _since_within(reader: Reader, repository: Repository, condition: Formula, tr
     return same[-1][0] if same and same[-1][1] > at else at
 
 
-def _formula(
+def _prepared(
     reader: Reader, condition: Question, symbol_tables: Sequence[SymbolTable]
-) -> tuple[Formula, Domain | None]:
+) -> tuple[PreparedCondition, Domain | None]:
     """The condition as the latest version of the domain reads it that knows its symbols, and that domain."""
     # before the first domain everything can be said, which does not make a symbol known
     declared = [symbol_table for symbol_table in symbol_tables if symbol_table.domain is not None]
     refusal: UnknownSymbol | None = None
     for symbol_table in reversed(declared or symbol_tables):
         try:
-            return reader.questions.condition(condition, symbol_table).formula, symbol_table.domain
+            return reader.questions.condition(condition, symbol_table), symbol_table.domain
         except UnknownSymbol as error:
             refusal = refusal or error
     assert refusal is not None

@@ -68,6 +68,7 @@ class StoredPoint(NamedTuple):
         value: None where nothing holds.
     """
 
+    number: int
     time: int
     history_from: int
     domain_version: int

@@ -190,10 +190,10 @@ class Repository:
         id = 0 if timeline is None else timeline.id
         row = self._connection.look_up(for_kind[kind].point, self._kb, id, t, self._kb)
         assert row is not None
-        end = row[5]
+        end = row[6]
         if end is None or end <= t:
-            return StoredPoint._make((*row[:5], OPEN, 0, None))
-        return StoredPoint._make((*row[:7], row[7:]))
+            return StoredPoint._make((*row[:6], OPEN, 0, None))
+        return StoredPoint._make((*row[:8], row[8:]))
 
     def next_start(self, timeline: Timeline, t: int, present: int | None = None) -> int:
         """When the next assertion on a timeline begins after a time; `OPEN` if none is scheduled.

@@ -163,6 +163,10 @@ class Agreement(RuleBasedStateMachine):
         at = max(0, self._now() + ahead)
         if not self._known(fact, at):
             return
+        if self._cannot_be_meant(fact, at):
+            with pytest.raises(kbstore.InvalidKnowledge, match=r" is an? "):
+                self.kb.truth(translation.sent(fact), at=at)
+            return
         sign = self.reference.sign(fact, at)
         absent = Truth.UNKNOWN if self.use_unknowns else Truth.FALSE
         expected = absent if sign is None else Truth.of(sign == fact.positive)
@@ -180,6 +184,10 @@ class Agreement(RuleBasedStateMachine):
     def ask_about_a_number(self, number, ahead):
         at = max(0, self._now() + ahead)
         if not self._known(number, at):
+            return
+        if self._cannot_be_meant(number, at):
+            with pytest.raises(kbstore.InvalidKnowledge, match=r" is an? "):
+                self.kb.value(translation.sent(number), at=at)
             return
         found = [
             item.value
@@ -227,6 +235,18 @@ class Agreement(RuleBasedStateMachine):
         domain = self.reference.world(at).domain
         symbols = {} if domain is None else {**domain.predicates, **domain.functions}
         return domain is None or item.name in symbols
+
+    def _cannot_be_meant(self, item, at):
+        """V10: whether an argument is a constant, or exists, and is of a type that its parameter excludes."""
+        domain = self.reference.world(at).domain
+        if domain is None:
+            return False
+        types = {found.name: found.type for found, _ in self.reference.state(at).instances} | domain.constants
+        signature = {**domain.predicates, **domain.functions}[item.name]
+        return any(
+            name in types and not any(domain.is_a(types[name], wanted) for wanted in allowed)
+            for name, allowed in zip(item.arguments, signature, strict=True)
+        )
 
     def _write(self, updates, how):
         self.sound = False

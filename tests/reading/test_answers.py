@@ -33,7 +33,7 @@ QUESTIONS = (
     "(linked ? ?)",
     "(reachable p1)",
     "p1 - place",
-    "p1",
+    "p1 - object",
 )
 GOALS = ("(open p0)", "(not (alarm))", "(>= (charge r0) 5)", "(or (alarm) (open p0))")
 NUMBERS = ("(charge r0)", "(cost)", "(+ (charge r0) (* 2 (cost)))")
