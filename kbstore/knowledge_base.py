@@ -34,6 +34,7 @@ from kbstore.model.results import (
     Applicability,
     AsOf,
     Assertions,
+    Broken,
     Change,
     Diff,
     Ended,
@@ -52,6 +53,7 @@ from kbstore.reading.explanation import Explainer
 from kbstore.reading.history import History
 from kbstore.reading.questions import Knowledge, Question
 from kbstore.reading.reader import Reader
+from kbstore.reading.runs import Runs
 from kbstore.reading.state import State
 from kbstore.reading.trajectory import when_true
 from kbstore.reading.watching import Watch
@@ -110,6 +112,7 @@ class KnowledgeBase:
             is_archive=self._is_archive,
         )
         self._history = History(self._reader)
+        self._runs = Runs(self._reader)
         self._explainer = Explainer(self._reader, self._history)
         self._answers = Answers(self._reader, self._clock, caching=cache)
         self._writing = threading.local()
@@ -577,18 +580,44 @@ class KnowledgeBase:
     def end(self, run: Run, *, client: str = "", note: str = "") -> Ended:
         """End a durative action: its at-end effects. The answer's `failing` are the at-end conditions that failed.
 
-        Raises `NotApplicable` if it does not run, or if an effect speaks of what no longer exists.
+        Its `broken` are the over-all conditions that were not true meanwhile, each with its span (rule O6).
+
+        Raises `NotApplicable` if it does not run, or if an effect refers to what no longer exists.
         """
         with self.transaction(client=client, note=note) as tx:
             failing = tx.end(run).failing
         done = tx.result
-        return Ended(done.number, done.time, done.client, done.note, done.changes, failing)
+        return Ended(done.number, done.time, done.client, done.note, done.changes, failing, self.broken(run))
 
     def abort(self, run: Run, *, client: str = "", note: str = "") -> Transaction:
         """Abort a durative action: its continuous effects stop, and nothing else happens."""
         with self.transaction(client=client, note=note) as tx:
             tx.abort(run)
         return tx.result
+
+    def broken(self, run: Run) -> list[Broken]:
+        """The over-all conditions of a run that were not true in ``[started, ended)``, each with its spans (rule O6).
+
+        Unknown counts as not true, and so does what cannot be decided.
+        """
+        return self._runs.broken(run)
+
+    def runs(
+        self,
+        pattern: str | None = None,
+        since: TimeLike | None = None,
+        until: TimeLike | None = None,
+        as_of: AsOf | None = None,
+    ) -> list[Run]:
+        """The durative actions that ran within a span, in the order of their starts (rule Q8).
+
+        Args:
+            pattern: ``"(goto_waypoint kenny ? ?)"`` or the name of an operator; None: all.
+            since: the begin of the span; None: that of the history that is kept.
+            until: its end; None: no end.
+            as_of: a time or a `Transaction`; what ended later is running then.
+        """
+        return self._runs.within(pattern, since, until, as_of)
 
     @property
     def history_from(self) -> int:

@@ -180,11 +180,34 @@ class Diff(Result):
 
 
 @dataclass(frozen=True, slots=True)
+class Broken(Result):
+    """An over-all condition of a run that was not true in ``[since, until)`` (rule O6); `until` None: it still is not.
+
+    `truth` is false, or unknown, also where it could not be decided.
+    """
+
+    condition: str
+    truth: Truth
+    since: int
+    until: int | None = None
+
+    def __str__(self) -> str:
+        until = "" if self.until is None else f" until {isoformat(self.until)}"
+        return f"{self.condition} is {self.truth} since {isoformat(self.since)}{until}"
+
+    def __repr__(self) -> str:
+        return f"Broken({str(self)!r})"
+
+
+@dataclass(frozen=True, slots=True)
 class Run(Result):
     """A durative action that runs, or ran.
 
     `started` and `duration` are in nanoseconds; `duration_s` is the exact duration in seconds, of which `duration` is
     the rounding (None: exactly `duration`). `forced` has the conditions that ``force=True`` overruled (rule O7).
+
+    From `KnowledgeBase.runs` also: when it `ended` (None while it runs), its `outcome` ("running", "ended" or
+    "aborted"), the numbers of the transactions that started and ended it, and which invariants were `broken` when.
     """
 
     operator: str
@@ -194,6 +217,11 @@ class Run(Result):
     number: int = 0
     duration_s: float | None = None
     forced: tuple[str, ...] = ()
+    ended: int | None = field(default=None, compare=False)
+    outcome: str = field(default="running", compare=False)
+    started_by: int = field(default=0, compare=False)
+    ended_by: int | None = field(default=None, compare=False)
+    broken: tuple[Broken, ...] = field(default=(), compare=False)
 
     @property
     def seconds(self) -> float:
@@ -271,9 +299,13 @@ class Applicability(Result):
 
 @dataclass(frozen=True, slots=True, repr=False)
 class Ended(Transaction):
-    """The transaction that ended a durative action, and the at-end conditions that failed (rule O3)."""
+    """The transaction that ended a durative action, with the at-end conditions that failed (rule O3).
+
+    `broken` has the over-all conditions that were not true while it ran (rule O6).
+    """
 
     failing: list[FailingCondition] = field(default_factory=list)
+    broken: list[Broken] = field(default_factory=list)
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,11 +4,11 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
 from kbstore.caches import ASSERTIONS, LRU, TIMELINES
-from kbstore.clock import SECOND, Clock
+from kbstore.clock import OPEN, SECOND, Clock
 from kbstore.evaluation.snapshot import Snapshot, StateRow
 from kbstore.messages import Condition, KnowledgeItem, KnowledgeType
 from kbstore.model.domain import Domain
-from kbstore.model.results import Explanation, Run
+from kbstore.model.results import Broken, Explanation, Run
 from kbstore.model.symbols import SymbolTable
 from kbstore.model.timelines import Role
 from kbstore.names import key
@@ -158,10 +158,26 @@ class Reader:
 
 
 def as_running(row: RunRow) -> RunningAction:
-    """A stored run, as the state knows it."""
-    exact = None if row.duration_s == row.duration / SECOND else row.duration_s
-    run = Run(row.operator, row.arguments, row.started, row.duration, row.number, exact, row.forced)
-    return RunningAction(run, row.remembered)
+    """A stored run, as the state knows it while it runs."""
+    return RunningAction(as_run(row._replace(end_time=OPEN, outcome=None, ended=None)), row.remembered)
+
+
+def as_run(row: RunRow, broken: tuple[Broken, ...] = ()) -> Run:
+    """A stored run, as callers get it."""
+    return Run(
+        row.operator,
+        row.arguments,
+        row.started,
+        row.duration,
+        row.number,
+        None if row.duration_s == row.duration / SECOND else row.duration_s,
+        row.forced,
+        None if row.end_time == OPEN else row.end_time,
+        row.outcome or "running",
+        row.recorded,
+        row.ended,
+        broken,
+    )
 
 
 def _all_kinds(read: Callable[[KnowledgeType, LogPosition], Sequence[StateRow]], at: LogPosition) -> list[StateRow]:

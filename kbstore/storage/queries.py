@@ -230,7 +230,7 @@ add_revision = Batch.adding(tables.revisions)
 
 # -- runs -----------------------------------------------------------------------------------------------------
 
-_run = select(
+_run_columns = select(
     _runs.number,
     _runs.operator,
     _runs.arguments,
@@ -239,7 +239,12 @@ _run = select(
     _runs.duration_s,
     _runs.remembered,
     _runs.forced,
-).where(_runs.kb_id == KB, _runs.initial_time <= parameter("t"))
+    _runs.end_time,
+    _runs.outcome,
+    _runs.recorded_tx,
+    _runs.ended_tx,
+).where(_runs.kb_id == KB)
+_run = _run_columns.where(_runs.initial_time <= parameter("t"))
 _closed_run = _run.with_hint(tables.runs, "INDEXED BY ix_runs_node", "sqlite").where(
     among(_runs.node, "path"), _runs.end_time > parameter("t")
 )
@@ -256,6 +261,20 @@ running_as_of = Statement(
         _run.where(_runs.ended_tx > parameter("number"), _runs.end_time == parameter("t"), _known_run),
     )
 )
+
+runs_between = Statement(
+    _run_columns.where(
+        _runs.initial_time < parameter("until"),
+        sa.or_(
+            _runs.end_time > parameter("since"),
+            # one of no length
+            and_(_runs.end_time == _runs.initial_time, _runs.initial_time >= parameter("since")),
+        ),
+    ).order_by(_runs.initial_time, _runs.number)
+)
+"""The runs that meet [:since, :until), in the order of their starts."""
+
+run_numbered = Statement(_run_columns.where(_runs.number == parameter("number")))
 
 add_run = Batch.adding(tables.runs)
 

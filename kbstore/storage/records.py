@@ -4,6 +4,7 @@ from collections import defaultdict
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
+from kbstore.clock import OPEN
 from kbstore.messages import KnowledgeType
 from kbstore.model.timelines import EndCause, Timeline, Value
 
@@ -114,6 +115,8 @@ class RunRow(NamedTuple):
         duration_s: its exact duration in seconds, of which `duration` is the rounding to nanoseconds.
         remembered: the conditions at its start that its later effects depend on, and that were true.
         forced: the conditions that were overruled at its start.
+        outcome: "ended" or "aborted"; None while it runs.
+        recorded, ended: the transactions that started and ended it.
     """
 
     number: int
@@ -124,6 +127,10 @@ class RunRow(NamedTuple):
     duration_s: float
     remembered: frozenset[str]
     forced: tuple[str, ...] = ()
+    end_time: int = OPEN
+    outcome: str | None = None
+    recorded: int = 0
+    ended: int | None = None
 
 
 class DomainRow(NamedTuple):

@@ -328,20 +328,17 @@ class Repository:
     def running(self, position: LogPosition) -> list[RunRow]:
         """The durative actions that run at a position in the record, in the order in which they were started."""
         statement = queries.running if position.number is None else queries.running_as_of
-        rows = sorted(self._connection.all(statement, self._on_path(position)))
-        return [
-            RunRow(
-                number,
-                operator,
-                tuple(arguments.split()),
-                started,
-                duration,
-                duration_s,
-                frozenset(remembered.split("\n") if remembered else ()),
-                tuple(forced.split("\n") if forced else ()),
-            )
-            for number, operator, arguments, started, duration, duration_s, remembered, forced in rows
-        ]
+        return [_run(row) for row in sorted(self._connection.all(statement, self._on_path(position)))]
+
+    def runs_between(self, since: int, until: int) -> list[RunRow]:
+        """The runs that meet ``[since, until)``, in the order of their starts."""
+        span = {"kb": self._kb, "since": since, "until": until}
+        return [_run(row) for row in self._connection.all(queries.runs_between, span)]
+
+    def run(self, number: int) -> RunRow | None:
+        """The run with a number; None if there is none."""
+        row = self._connection.first(queries.run_numbered, {"kb": self._kb, "number": number})
+        return None if row is None else _run(row)
 
     # -- history ----------------------------------------------------------------------------------------------
 
@@ -426,6 +423,21 @@ class Repository:
                 )
             )
         return found
+
+
+def _run(row: SqlRow) -> RunRow:
+    number, operator, arguments, started, duration, duration_s, remembered, forced, *ending = row
+    return RunRow(
+        number,
+        operator,
+        tuple(arguments.split()),
+        started,
+        duration,
+        duration_s,
+        frozenset(remembered.split("\n") if remembered else ()),
+        tuple(forced.split("\n") if forced else ()),
+        *ending,
+    )
 
 
 def _with_timelines(rows: list[SqlRow], timelines: Mapping[int, Timeline]) -> list[StateRow]:

@@ -1,0 +1,144 @@
+"""Runs of durative actions, and their invariants: over-all conditions, watched while the action runs (O6, Q8)."""
+
+from collections.abc import Iterator, Sequence
+from itertools import groupby
+
+from kbstore.clock import OPEN, TimeLike
+from kbstore.errors import InvalidKnowledge, NotLinear, UnknownSymbol
+from kbstore.evaluation.when import truths
+from kbstore.messages import Truth
+from kbstore.model.domain import Domain
+from kbstore.model.formulas import Atom, Formula, Timing
+from kbstore.model.results import AsOf, Broken, Run
+from kbstore.model.symbols import arity_problem
+from kbstore.names import key, matches
+from kbstore.pddl.printer import condition_text
+from kbstore.planning.grounding import GroundAction
+from kbstore.reading.reader import Reader, as_run
+from kbstore.reading.trajectory import StoredTrajectory
+from kbstore.storage.records import LogPosition, RunRow
+from kbstore.storage.repository import Repository
+
+Piece = tuple[int, int, Truth]
+
+
+class Runs:
+    """Asks about the runs of one knowledge base."""
+
+    def __init__(self, reader: Reader) -> None:
+        self._reader = reader
+
+    def within(
+        self, pattern: str | None, since: TimeLike | None, until: TimeLike | None, as_of: AsOf | None
+    ) -> list[Run]:
+        """Return the runs that match a pattern and meet ``[since, until)``, in the order of their starts (rule Q8)."""
+        with self._reader.repository() as repository:
+            begin = repository.head().history_from if since is None else since
+            first, last, _ = self._reader.resolver.resolve_span(repository, begin, until)
+            wanted = None if pattern is None else self._keys(repository, pattern, first, last)
+            believed = self._reader.resolver.resolve(repository, None, as_of).system_time
+            return [
+                self._run(repository, row)
+                for stored in repository.runs_between(first, last)
+                if (row := _as_of(stored, believed)) is not None and (wanted is None or _matches(wanted, row))
+            ]
+
+    def broken(self, run: Run) -> list[Broken]:
+        """Return the over-all conditions of a run that were not true, each with the spans in which they were not."""
+        if not isinstance(run, Run):
+            raise InvalidKnowledge(f"{run!r:.80} is not a run; give what start() returned, or one of kb.runs()")
+        with self._reader.repository() as repository:
+            row = repository.run(run.number)
+            if row is None or row.started != run.started:
+                raise InvalidKnowledge(f"{run} is not a run of {self._reader.name}; give what start() returned")
+            return self._broken(repository, row)
+
+    def _run(self, repository: Repository, row: RunRow) -> Run:
+        return as_run(row, tuple(self._broken(repository, row)))
+
+    def _broken(self, repository: Repository, row: RunRow) -> list[Broken]:
+        """Evaluate the over-all conditions over ``[started, ended)``, under the domain of each time (rule O6)."""
+        now = self._reader.resolver.resolve(repository)
+        head, first, last = now.head, row.started, min(row.end_time, now.valid_time + 1)
+        pieces: dict[str, list[Piece]] = {}
+        if first < last:
+            self._reader.resolver.refuse_archived(first, head)
+        for start, end, symbols in self._reader.domains.within(repository, head, first, last):
+            domain = symbols.domain
+            if domain is None or first >= last:
+                continue
+            trajectory = StoredTrajectory(self._reader, repository, now, (start, end), domain)
+            for condition in _invariants(domain, row):
+                try:
+                    found = truths(condition, trajectory, duration=row.duration_s)
+                except (NotLinear, InvalidKnowledge, UnknownSymbol):
+                    # it cannot be decided
+                    found = [(start, end, Truth.UNKNOWN)]
+                pieces.setdefault(condition_text(condition), []).extend(found)
+        is_open = row.end_time == OPEN
+        return sorted(
+            (
+                Broken(text, truth, start, None if is_open and end == last else end)
+                for text, found in pieces.items()
+                for start, end, truth in _joined(found)
+                if truth is not Truth.TRUE
+            ),
+            key=lambda broken: broken.since,
+        )
+
+    def _keys(self, repository: Repository, pattern: str, first: int, last: int) -> Sequence[str]:
+        """The words of a pattern as keys; of a name alone, that."""
+        text = pattern.strip()
+        if text.startswith("(") != text.endswith(")") or not text.strip("()"):
+            raise InvalidKnowledge(
+                f"{pattern!r:.80} is not a pattern of runs; write one like (goto kenny ? ?), or goto"
+            )
+        words = text.strip("()").split()
+        refusal: UnknownSymbol | InvalidKnowledge | None = None
+        for _, _, symbols in self._reader.domains.within(repository, repository.head(), first, last):
+            if symbols.domain is None:
+                continue
+            try:
+                action = symbols.domain.action(words[0])
+            except UnknownSymbol as error:
+                refusal = refusal or error
+                continue
+            problem = arity_problem(Atom(action.name, tuple(words[1:])), action) if text.startswith("(") else None
+            if problem is None:
+                return [*map(key, words)]
+            refusal = refusal or InvalidKnowledge(problem)
+        if refusal is not None:
+            raise refusal
+        return [*map(key, words)]
+
+
+def _as_of(row: RunRow, believed: LogPosition) -> RunRow | None:
+    """A run as it was on record at a position: what ended later was running."""
+    number, time = believed.number, believed.time
+    if row.started > time or (number is not None and row.recorded > number):
+        return None
+    ended_later = row.end_time != OPEN and (row.end_time > time or (number is not None and (row.ended or 0) > number))
+    return row._replace(end_time=OPEN, outcome=None, ended=None) if ended_later else row
+
+
+def _matches(wanted: Sequence[str], row: RunRow) -> bool:
+    keys = [key(name) for name in (row.operator, *row.arguments)]
+    return keys[:1] == list(wanted) if len(wanted) == 1 else matches(wanted, keys)
+
+
+def _invariants(domain: Domain, row: RunRow) -> Iterator[Formula]:
+    """The over-all conditions of a run, with its objects in their places."""
+    try:
+        action = domain.action(row.operator)
+    except UnknownSymbol:
+        return
+    names = [key(parameter.name) for parameter in action.parameters]
+    bindings = dict(zip(names, map(key, row.arguments), strict=False))
+    yield from GroundAction(action, row.arguments, bindings).conditions(Timing.OVER_ALL)
+
+
+def _joined(pieces: Sequence[Piece]) -> Iterator[Piece]:
+    """Adjacent pieces of one truth value as one."""
+    for truth, group in groupby(pieces, key=lambda piece: piece[2]):
+        same = list(group)
+        yield same[0][0], same[-1][1], truth

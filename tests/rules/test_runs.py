@@ -1,0 +1,209 @@
+"""Rules O6 and Q8: invariants of what runs, watched while it runs, and the runs themselves."""
+
+import pytest
+
+import kbstore
+from kbstore import Truth, seconds
+from tests.conftest import START
+
+PLANT = """
+(define (domain plant)
+  (:types pump)
+  (:predicates (fault) (ready ?p - pump) (hot) (sealed))
+  (:functions (level) (limit))
+  (:derived (hot) (> (level) 50))
+  (:durative-action go :parameters (?p - pump) :duration (= ?duration 10)
+    :condition (and (over all (not (fault))) (over all (ready ?p)) (over all (or (sealed) (not (hot)))))
+    :effect (and (at start (ready ?p)) (at end (not (ready ?p)))))
+  (:durative-action drain :parameters (?p - pump) :duration (= ?duration 10)
+    :condition (over all (>= (level) (limit))) :effect (decrease (level) (* #t 2)))
+  (:durative-action timed :parameters (?p - pump) :duration (<= ?duration 10)
+    :condition (over all (>= (level) ?duration)))
+  (:durative-action free :parameters (?p - pump) :duration (= ?duration 0)))
+"""
+
+
+@pytest.fixture
+def plant(open_kb):
+    kb = open_kb()
+    kb.load(PLANT)
+    kb.add("p - pump", "q - pump", "(= (level) 30)", "(= (limit) 4)")
+    return kb
+
+
+def at(clock, t):
+    clock.set(START + seconds(t))
+
+
+def spans(broken):
+    """Condition, truth and span in seconds."""
+    return [
+        (b.condition, b.truth, (b.since - START) / 1e9, None if b.until is None else (b.until - START) / 1e9)
+        for b in broken
+    ]
+
+
+# -- O6 -----------------------------------------------------------------------------------------------------------
+
+
+def test_a_broken_invariant_is_on_record_with_its_spans(plant, clock):
+    """O6: while the action runs, in its end, and afterwards; the end never fails by it."""
+    run = plant.start("go", "p")
+    assert plant.broken(run) == []
+    at(clock, 2)
+    plant.add("(fault)")
+    at(clock, 3)
+    assert spans(plant.broken(run)) == [("(not (fault))", Truth.FALSE, 2, None)]
+    at(clock, 5)
+    plant.remove("(fault)")
+    at(clock, 8)
+    plant.add("(fault)")
+    at(clock, 10)
+    ended = plant.end(run)
+    assert ended.failing == []
+    expected = [("(not (fault))", Truth.FALSE, 2, 5), ("(not (fault))", Truth.FALSE, 8, 10)]
+    assert spans(ended.broken) == expected
+    at(clock, 20)
+    plant.remove("(fault)")
+    assert spans(plant.broken(run)) == expected
+
+
+def test_an_invariant_is_watched_after_the_start_and_before_the_end(plant, clock):
+    """O6: an action may establish what it needs, and take it away at its end."""
+    run = plant.start("go", "q")
+    at(clock, 10)
+    assert plant.end(run).broken == []
+
+
+def test_an_invariant_may_break_by_the_clock_alone(plant, clock):
+    """O6: by what is scheduled, through derived predicates, and by a moving number, to the nanosecond."""
+    run = plant.start("go", "p")
+    drain = plant.start("drain", "p")
+    plant.add("(= (level) 60)", initial_time=START + seconds(3))
+    plant.add("(sealed)", initial_time=START + seconds(6))
+    at(clock, 10)
+    # 60 at 3 s, and 2 less each second
+    assert spans(plant.broken(run)) == [("(or (sealed) (not (hot)))", Truth.FALSE, 3, 6)]
+    assert plant.broken(drain) == []
+    plant.add("(= (level) 6)")
+    at(clock, 15)
+    assert spans(plant.broken(drain)) == [("(>= (level) (limit))", Truth.FALSE, pytest.approx(11 + 1e-9), None)]
+    assert plant.broken(drain)[0].since == START + seconds(11) + 1
+
+
+def test_what_is_unknown_or_undefined_is_broken(open_kb, clock):
+    """O6: an invariant is broken wherever it is not true."""
+    kb = open_kb(use_unknowns=True)
+    kb.load(PLANT)
+    kb.add("p - pump", "(= (level) 30)", "(= (limit) 4)", "(not (fault))")
+    run, drain = kb.start("go", "p"), kb.start("drain", "p")
+    at(clock, 1)
+    kb.remove("(not (fault))")
+    kb.remove("(limit)")
+    at(clock, 2)
+    assert spans(kb.broken(run)) == [("(not (fault))", Truth.UNKNOWN, 1, None)]
+    assert spans(kb.broken(drain)) == [("(>= (level) (limit))", Truth.UNKNOWN, 1, None)]
+
+
+def test_an_invariant_may_read_the_duration(plant, clock):
+    """O6, O3: as the run was started."""
+    run = plant.start("timed", "p", duration=seconds(5))
+    at(clock, 1)
+    plant.add("(= (level) 4)")
+    at(clock, 2)
+    assert spans(plant.broken(run)) == [("(>= (level) ?duration)", Truth.FALSE, 1, None)]
+
+
+@pytest.mark.parametrize("wrong", ["go", None, kbstore.Run("go", ("p",), START, 1, 99)])
+def test_what_is_not_a_run_is_refused(plant, wrong):
+    """O6: a typed error says what to give."""
+    with pytest.raises(kbstore.InvalidKnowledge, match="is not a run"):
+        plant.broken(wrong)
+
+
+# -- Q8 -----------------------------------------------------------------------------------------------------------
+
+
+def test_runs_are_listed_with_how_they_went(plant, clock):
+    """Q8: by start, with outcome, transactions, what was forced, and what was broken."""
+    first = plant.start("go", "p")
+    at(clock, 1)
+    second = plant.start("timed", "q", duration=seconds(20), force=True)
+    at(clock, 2)
+    plant.add("(fault)")
+    at(clock, 3)
+    plant.abort(first)
+    at(clock, 4)
+    free = plant.start("free", "p")
+    done = plant.end(free)
+    at(clock, 5)
+    runs = plant.runs()
+    assert runs == [first, second, free]
+    assert [(r.outcome, r.ended, r.expected_end) for r in runs] == [
+        ("aborted", START + seconds(3), START + seconds(10)),
+        ("running", None, START + seconds(21)),
+        ("ended", START + seconds(4), START + seconds(4)),
+    ]
+    assert spans(runs[0].broken) == [("(not (fault))", Truth.FALSE, 2, 3)]
+    assert runs[1].forced == ("(<= ?duration 10)",)
+    assert (runs[2].ended_by, runs[2].started_by) == (done.number, done.number - 1)
+
+
+def test_runs_of_a_span(plant, clock):
+    """Q8: `[started, ended)` meets it, or the run has no length and starts in it."""
+    run = plant.start("go", "p")
+    at(clock, 2)
+    plant.end(run)
+    at(clock, 5)
+    free = plant.start("free", "p")
+    plant.end(free)
+
+    def within(since, until):
+        return plant.runs(since=START + since, until=START + until)
+
+    assert within(0, 1) == [run]
+    assert within(seconds(2) - 1, seconds(2)) == [run]
+    assert within(seconds(2), seconds(5)) == []
+    assert within(seconds(5), seconds(5) + 1) == [free]
+    assert within(seconds(5) + 1, seconds(9)) == []
+
+
+@pytest.mark.parametrize(
+    ("pattern", "found"),
+    [
+        ("go", 2),
+        ("GO", 2),
+        ("(go p)", 1),
+        ("(go ?)", 2),
+        ("(go ?x)", 2),
+        ("drain", 0),
+        ("(free ?)", 0),
+        (" ( go q ) ", 1),
+    ],
+)
+def test_runs_by_pattern(plant, pattern, found):
+    """Q8: an operator's name, or an action with ? for any object."""
+    plant.start("go", "p")
+    plant.start("go", "q")
+    assert len(plant.runs(pattern)) == found
+
+
+@pytest.mark.parametrize("pattern", ["fly", "(go)", "(go p q)", "(go p", ""])
+def test_a_pattern_that_cannot_match_is_refused(plant, pattern):
+    """Q8, V8: unknown operators and wrong numbers of arguments."""
+    with pytest.raises(kbstore.KbStoreError):
+        plant.runs(pattern)
+
+
+def test_runs_as_of_an_earlier_time(plant, clock):
+    """Q8: what ended later is running, and what started later is not there."""
+    run = plant.start("go", "p")
+    started = list(plant.changes())[-1].transaction
+    plant.start("drain", "p")
+    at(clock, 2)
+    plant.end(run)
+    plant.start("go", "q")
+    assert [(r.outcome, r.ended) for r in plant.runs("go", as_of=START + seconds(1))] == [("running", None)]
+    assert [r.outcome for r in plant.runs("go", as_of=START + seconds(2))] == ["ended", "running"]
+    assert plant.runs(as_of=started) == [run]
+    assert plant.runs(as_of=started)[0].ended_by is None
