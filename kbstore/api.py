@@ -8,7 +8,8 @@ from sqlalchemy.engine import URL
 from kbstore.clock import Clock, DurationLike, duration
 from kbstore.errors import InvalidKnowledge
 from kbstore.knowledge_base import KnowledgeBase
-from kbstore.storage import directory, schema
+from kbstore.storage import directory
+from kbstore.storage import schema as schemas
 from kbstore.storage.database import Database
 from kbstore.storage.engine import BUSY_TIMEOUT
 from kbstore.writing.unit_of_work import TOLERANCE
@@ -26,6 +27,7 @@ def open(
     cache: bool = True,
     tolerance: DurationLike = TOLERANCE,
     busy_timeout: float = BUSY_TIMEOUT,
+    schema: str | None = None,
 ) -> KnowledgeBase:
     """Open a knowledge base, and create it if there is none of that name.
 
@@ -42,6 +44,8 @@ def open(
             the past that were asked for last.
         tolerance: how far the clock may be behind the latest recorded time (a duration; rule T3).
         busy_timeout: seconds to wait for a lock that others hold, before it is `StoreUnavailable`.
+        schema: the schema of a PostgreSQL database in which the tables are; made if there is none. None: where the
+            search path of the connection finds them.
 
     Raises:
         SchemaOutOfDate, SchemaTooNew, SchemaUnknown: the database's schema is not this kbstore's.
@@ -52,10 +56,10 @@ def open(
         raise InvalidKnowledge(
             f"{name!r:.80} cannot be the name of a knowledge base; give printable text, like 'kenny'"
         )
-    database = Database(url, durability=durability, read_only=read_only, busy_timeout=busy_timeout)
+    database = Database(url, durability=durability, read_only=read_only, busy_timeout=busy_timeout, schema=schema)
     try:
         with database.wrap_errors():
-            schema.ensure(database.engine, read_only=read_only)
+            schemas.ensure(database.engine, read_only=read_only, schema=schema)
         return KnowledgeBase(
             database,
             name,
@@ -71,12 +75,12 @@ def open(
         raise
 
 
-def knowledge_bases(url: str | os.PathLike[str] | URL | Engine) -> list[str]:
-    """The names of the knowledge bases in a store."""
-    database = Database(url, read_only=True)
+def knowledge_bases(url: str | os.PathLike[str] | URL | Engine, *, schema: str | None = None) -> list[str]:
+    """The names of the knowledge bases in a store; `schema` as in `open`."""
+    database = Database(url, read_only=True, schema=schema)
     try:
         with database.wrap_errors():
-            schema.ensure(database.engine, read_only=True)
+            schemas.ensure(database.engine, read_only=True, schema=schema)
         with database.read() as connection:
             return directory.names(connection)
     finally:

@@ -30,12 +30,16 @@ inherited: list[Any] = []
 
 
 class Options(NamedTuple):
-    """What a `Database` asks of each of its connections: the store's name in messages, seconds, "full" or "normal"."""
+    """What a `Database` asks of each of its connections.
+
+    `store` is its name in messages, `busy_timeout` in seconds, `durability` "full" or "normal", `schema` PostgreSQL's.
+    """
 
     store: str
     busy_timeout: float
     durability: str
     read_only: bool
+    schema: str | None = None
 
 
 class AnswerCache:

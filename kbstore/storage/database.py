@@ -12,7 +12,7 @@ from sqlalchemy.exc import TimeoutError as PoolTimeout
 
 from kbstore.storage.connection import Options, Parameters, SqlRow, StoreConnection
 from kbstore.storage.connections import ThreadConnections
-from kbstore.storage.engine import BUSY_TIMEOUT, make_engine, parsed_url, refuse_others
+from kbstore.storage.engine import BUSY_TIMEOUT, make_engine, parsed_url, refuse_others, refuse_schema
 from kbstore.storage.pools import LentConnections, PooledConnections, ServerConnections, ServerPool
 from kbstore.storage.sqlite_connection import SqliteConnection
 from kbstore.storage.statements import Statement
@@ -32,12 +32,14 @@ class Database:
         durability: str = "full",
         read_only: bool = False,
         busy_timeout: float = BUSY_TIMEOUT,
+        schema: str | None = None,
     ) -> None:
         if durability not in ("full", "normal"):
             raise ValueError(f'durability is "full" or "normal", not {durability!r}')
         if not 0 <= busy_timeout <= 1_000_000:
             raise ValueError(f"busy_timeout is a number of seconds from 0 to a million, not {busy_timeout!r}")
-        self._connections = self._opened(url, busy_timeout, durability, read_only=read_only)
+        self._connections = self._opened(url, busy_timeout, durability, schema, read_only=read_only)
+        self.schema = schema
         self.engine = self._connections.engine
         self.dialect = self.engine.dialect.name
         self.can_remember = isinstance(self._connections, ThreadConnections)
@@ -48,10 +50,16 @@ class Database:
 
     @staticmethod
     def _opened(
-        url: str | os.PathLike[str] | URL | Engine, busy_timeout: float, durability: str, *, read_only: bool
+        url: str | os.PathLike[str] | URL | Engine,
+        busy_timeout: float,
+        durability: str,
+        schema: str | None,
+        *,
+        read_only: bool,
     ) -> ThreadConnections | PooledConnections:
         parsed = url.url if isinstance(url, Engine) else parsed_url(url)
-        options = Options(parsed.render_as_string(hide_password=True), busy_timeout, durability, read_only)
+        refuse_schema(parsed, schema)
+        options = Options(parsed.render_as_string(hide_password=True), busy_timeout, durability, read_only, schema)
         if isinstance(url, Engine):
             refuse_others(url.dialect.name)
             return LentConnections(url, options)

@@ -87,6 +87,13 @@ def _number(url: URL, name: str, least: int, *, or_none: bool = False) -> int | 
     raise StoreUnavailable(f"{name}={text} in the URL of a store: it is {expected}")
 
 
+def refuse_schema(url: URL, schema: str | None) -> None:
+    """Raise for a schema in a database that has none."""
+    if schema is not None and url.get_backend_name() != "postgresql":
+        shown = url.render_as_string(hide_password=True)
+        raise StoreUnavailable(f"schemas are PostgreSQL's; {shown} can't have the schema {schema!r}")
+
+
 def refuse_others(backend: str) -> None:
     """Raise for a backend that kbstore has no SQL for."""
     if backend not in ("sqlite", "postgresql"):

@@ -68,6 +68,7 @@ class ServerConnections(PooledConnections):
             raise self.failure(error) from error
 
     def _return(self, connection: StoreConnection) -> None:
+        assert isinstance(connection, PostgresqlConnection)
         self._pool.put(connection)
 
     def close(self) -> None:
@@ -99,7 +100,7 @@ class ServerPool:
         self.engine = engine
         self._size = size
         self._users = 0
-        self._idle: list[StoreConnection] = []
+        self._idle: list[PostgresqlConnection] = []
         self._room = threading.Semaphore(size)
 
     @classmethod
@@ -123,7 +124,7 @@ class ServerPool:
                 del self._shared[key]
         self._close_idle()
 
-    def get(self, options: Options) -> StoreConnection:
+    def get(self, options: Options) -> PostgresqlConnection:
         """A connection for one user. Raises `StoreUnavailable` where all are in use for longer than `busy_timeout`."""
         if not self._room.acquire(timeout=options.busy_timeout):
             raise StoreUnavailable(
@@ -133,7 +134,7 @@ class ServerPool:
         try:
             while self._idle:
                 connection = self._idle.pop()
-                connection.options = options
+                connection.lend(options)
                 if connection.is_alive():
                     return connection
                 LOG.warning("%s: the connection was lost; connecting again", options.store)
@@ -143,14 +144,14 @@ class ServerPool:
             self._room.release()
             raise
 
-    def _connect(self, options: Options) -> StoreConnection:
+    def _connect(self, options: Options) -> PostgresqlConnection:
         handle: Any = self.engine.raw_connection()
         handle.driver_connection.autocommit = True
         connection = PostgresqlConnection(handle.driver_connection, options, self.engine.dialect.loaded_dbapi.Error)
         connection.handle = handle
         return connection
 
-    def put(self, connection: StoreConnection) -> None:
+    def put(self, connection: PostgresqlConnection) -> None:
         """Take a connection back."""
         if connection.is_lost:
             connection.handle.invalidate()

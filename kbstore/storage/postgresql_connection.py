@@ -1,20 +1,48 @@
 """A connection to a PostgreSQL server: settings that last for a transaction, so that a pooler may share it.
 
 Nothing is set for the session. Behind a pooler in transaction mode the next transaction runs on another server
-connection, and what was set on this one would reach other clients.
+connection, and what was set on this one would reach other clients. For the same reason the tables of a store that has
+a schema of its own are named with it, instead of setting a search path.
 """
 
 import json
+import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from functools import lru_cache
 from operator import attrgetter
 from typing import Any
 
+from kbstore.storage import tables
 from kbstore.storage.connection import Options, Parameters, SqlRow, StoreConnection
 from kbstore.storage.statements import Lookup, Statement
 
 _ROWS = 2000
 """How many rows of a stream are fetched at once."""
+
+
+_plain = attrgetter("postgresql")
+
+_TABLE = re.compile(
+    rf"(\b(?:FROM|JOIN|INTO|UPDATE|USING|VACUUM|ANALYZE)|,)(\s+)({'|'.join(tables.metadata.tables)})\b(?![.(])"
+)
+"""A table where it is named as such, and not before one of its columns."""
+
+
+def quoted(name: str) -> str:
+    """A name as PostgreSQL takes it, whatever it has in it."""
+    return '"' + name.replace('"', '""') + '"'
+
+
+@lru_cache(maxsize=4096)
+def qualified(text: str, schema: str) -> str:
+    """A statement for psycopg, on the tables of a schema."""
+    return _TABLE.sub(rf"\1\2{_escaped(schema)}.\3", text)
+
+
+def _escaped(schema: str) -> str:
+    # for the expression, and for psycopg, to which a percent sign begins a parameter
+    return quoted(schema).replace("\\", "\\\\").replace("%", "%%")
 
 
 class PostgresqlConnection(StoreConnection):
@@ -24,7 +52,14 @@ class PostgresqlConnection(StoreConnection):
 
     def __init__(self, driver: Any, options: Options, error: type[Exception]) -> None:
         """`error` is the root of the driver's errors."""
-        super().__init__(driver, options, error, attrgetter("postgresql"))
+        super().__init__(driver, options, error, _plain)
+        self.lend(options)
+
+    def lend(self, options: Options) -> None:
+        """Serve a `Database` from here on."""
+        self.options = options
+        schema = options.schema
+        self._text = _plain if schema is None else lambda statement: qualified(_plain(statement), schema)
 
     def look_up(self, statement: Lookup, *parameters: int) -> SqlRow | None:
         """The first row of a look-up, if any."""
@@ -58,9 +93,10 @@ class PostgresqlConnection(StoreConnection):
 
     def timeline_ids(self, count: int) -> Sequence[int]:
         """Numbers for new timelines."""
-        sequence = "SELECT nextval(pg_get_serial_sequence('timelines', 'id')) FROM generate_series(1, %s)"
+        table = "timelines" if self.options.schema is None else f"{quoted(self.options.schema)}.timelines"
+        sequence = "SELECT nextval(pg_get_serial_sequence(%s, 'id')) FROM generate_series(1, %s)"
         try:
-            return [row[0] for row in self._execute(sequence, (count,)).fetchall()]
+            return [row[0] for row in self._execute(sequence, (table, count)).fetchall()]
         except self._error as error:
             raise self._failure(error) from error
 

@@ -23,7 +23,7 @@ from sqlalchemy.exc import DBAPIError
 
 from kbstore.errors import KbStoreError, SchemaOutOfDate, SchemaTooNew, SchemaUnknown, StoreUnavailable
 from kbstore.storage import tables
-from kbstore.storage.engine import make_engine
+from kbstore.storage.engine import make_engine, refuse_schema
 
 if TYPE_CHECKING:
     from alembic.config import Config
@@ -33,6 +33,19 @@ HEAD = "0002"
 
 VERSION_TABLE = "kbstore_alembic_version"
 """Not alembic's own default: a service that shares its database with kbstore may have migrations of its own."""
+
+VIEWS = (
+    "transaction_log",
+    "fact_history",
+    "function_history",
+    "instance_history",
+    "goal_history",
+    "current_facts",
+    "current_functions",
+    "current_instances",
+    "current_goals",
+)
+"""The views of the schema at its head."""
 
 Store = str | PathLike[str] | URL
 """What names a store: a SQLAlchemy URL, or the path of an SQLite file."""
@@ -45,6 +58,7 @@ _PATIENCE = 600.0
 
 # alembic keeps what it is doing in global variables, so that one thread at a time can run it
 _alembic = threading.Lock()
+
 
 _blank: list[str] = []
 """The statements that make an empty store, as the migrations left them in this process's first store in memory."""
@@ -65,28 +79,30 @@ class Revision(NamedTuple):
     title: str
 
 
-def ensure(engine: sa.Engine, *, read_only: bool) -> None:
+def ensure(engine: sa.Engine, *, read_only: bool, schema: str | None = None) -> None:
     """Set up an empty database, and refuse one whose schema this kbstore does not read.
+
+    `schema` is that of a PostgreSQL database in which the tables are.
 
     A database counts as empty that has none of kbstore's tables, whatever else it holds. Raises `SchemaOutOfDate`
     (also for an empty database that is opened read-only), `SchemaTooNew` or `SchemaUnknown`.
     """
     with _translating(engine), connecting(engine, existing=read_only) as connection:
-        stamps = _stamps(connection)
+        stamps = _stamps(connection, schema)
         if stamps == [HEAD]:
             return
-        if not _is_empty(connection, stamps) or read_only:
-            raise _refusal(engine, stamps)
+        if not _is_empty(connection, stamps, schema) or read_only:
+            raise _refusal(engine, stamps, schema)
         with _alembic:
-            _set_up(connection)
+            _set_up(connection, schema)
 
 
 def current(url: Store, *, schema: str | None = None) -> str | None:
     """The revision of a store's schema; None where there is none yet."""
     with _opened(url, schema) as engine, connecting(engine, existing=True) as connection:
-        stamps = _stamps(connection)
-        if not _is_empty(connection, stamps) and len(stamps or ()) > 1:
-            raise _refusal(engine, stamps)
+        stamps = _stamps(connection, schema)
+        if not _is_empty(connection, stamps, schema) and len(stamps or ()) > 1:
+            raise _refusal(engine, stamps, schema)
         return stamps[0] if stamps else None
 
 
@@ -99,10 +115,10 @@ def check(url: Store, *, wait: float = 0, schema: str | None = None) -> None:
     while True:
         try:
             with _opened(url, schema) as engine, connecting(engine, existing=True) as connection:
-                stamps = _stamps(connection)
+                stamps = _stamps(connection, schema)
                 if stamps != [HEAD]:
-                    _is_empty(connection, stamps)
-                    raise _refusal(engine, stamps)
+                    _is_empty(connection, stamps, schema)
+                    raise _refusal(engine, stamps, schema)
             return
         except (SchemaOutOfDate, StoreUnavailable):
             if time.monotonic() >= deadline:
@@ -133,13 +149,10 @@ def downgrade(url: Store, revision: str, *, backup: bool = True, schema: str | N
     return _migrate(url, revision, schema, backup=backup, down=True)
 
 
-def in_schema(url: Store, schema: str | None) -> Store:
-    """The URL of a store that lives in a schema of its own in a PostgreSQL database."""
-    if schema is None:
-        return url
+def in_schema(url: Store, schema: str) -> URL:
+    """A URL whose connections find the tables of a schema in a PostgreSQL database: for what is not kbstore."""
     engine = make_engine(url)
-    if engine.dialect.name != "postgresql":
-        raise StoreUnavailable(f"schemas are PostgreSQL's; {_shown(engine)} can't have the schema {schema!r}")
+    refuse_schema(engine.url, schema)
     name = engine.dialect.identifier_preparer.quote_identifier(schema).replace("\\", "\\\\").replace(" ", "\\ ")
     given = engine.url.query.get("options", ())
     options = [given] if isinstance(given, str) else list(given)
@@ -163,33 +176,43 @@ def connecting(engine: sa.Engine, *, existing: bool = False) -> Iterator[sa.Conn
 # -- what a database has ------------------------------------------------------------------------------------------
 
 
-def _stamps(connection: sa.Connection) -> list[str] | None:
+def _stamps(connection: sa.Connection, schema: str | None) -> list[str] | None:
     """What stands in the version table: one revision, unless something is wrong; None where there is no table."""
     try:
-        return list(connection.exec_driver_sql(f"SELECT version_num FROM {VERSION_TABLE}").scalars())
+        table = sa.table(VERSION_TABLE, sa.column("version_num"), schema=schema)
+        return list(connection.execute(sa.select(table)).scalars())
     except DBAPIError:
-        if sa.inspect(connection).has_table(VERSION_TABLE):
+        if sa.inspect(connection).has_table(VERSION_TABLE, schema=schema):
             raise
         return None
 
 
-def _is_empty(connection: sa.Connection, stamps: Sequence[str] | None) -> bool:
+def _is_empty(connection: sa.Connection, stamps: Sequence[str] | None, schema: str | None) -> bool:
     """Whether there is nothing of kbstore's yet; raises `SchemaUnknown` where its names are taken by another."""
     if stamps:
         return False
-    taken = sorted(tables.metadata.tables.keys() & set(sa.inspect(connection).get_table_names()))
+    inspector = sa.inspect(connection)
+    names = {*inspector.get_table_names(schema=schema), *inspector.get_view_names(schema=schema)}
+    taken = sorted(names & {*tables.metadata.tables, *VIEWS})
     if taken:
+        way_out = (
+            "rename them, or give kbstore a file of its own"
+            if connection.dialect.name == "sqlite"
+            else "give kbstore a schema of its own in that database: kbstore.open(..., schema='kbstore'), or "
+            "kbstore db upgrade --schema kbstore"
+        )
         raise SchemaUnknown(
-            f"{_shown(connection.engine)} has tables named {', '.join(taken)}, but no revision of kbstore's schema "
-            f"(this kbstore's is {HEAD}): they are somebody else's. Give kbstore a database of its own, or on "
-            "PostgreSQL a schema: kbstore db upgrade --schema NAME"
+            f"{_shown(connection.engine)} has tables of somebody else with names that kbstore needs: "
+            f"{', '.join(taken)}; {way_out}"
         )
     return True
 
 
-def _refusal(engine: sa.Engine, stamps: Sequence[str] | None) -> KbStoreError:
+def _refusal(engine: sa.Engine, stamps: Sequence[str] | None, schema: str | None) -> KbStoreError:
     """Why a database that does not have this kbstore's schema cannot be used, and the command that helps."""
     store, command = _shown(engine), f"kbstore db upgrade --url {shlex.quote(_shown(engine))}"
+    if schema is not None:
+        command += f" --schema {shlex.quote(schema)}"
     if not stamps:
         return SchemaOutOfDate(f"{store} has no schema yet, this kbstore needs {HEAD}; set it up: {command}")
     stamp = ", ".join(stamps)
@@ -210,14 +233,14 @@ def _refusal(engine: sa.Engine, stamps: Sequence[str] | None) -> KbStoreError:
 # -- migrations ---------------------------------------------------------------------------------------------------
 
 
-def _set_up(connection: sa.Connection) -> None:
+def _set_up(connection: sa.Connection, schema: str | None) -> None:
     """Give an empty database its schema."""
     in_memory = connection.dialect.name == "sqlite" and _file(connection.engine) is None
     driver: Any = connection.connection.driver_connection
     if in_memory and _blank:
         driver.executescript(";\n".join(["BEGIN IMMEDIATE", *_blank, "COMMIT"]))
         return
-    _run(connection, "head")
+    _run(connection, "head", schema)
     if in_memory:
         _blank.extend(sql for (sql,) in driver.execute("SELECT sql FROM sqlite_master WHERE sql IS NOT NULL"))
         _blank.append(f"INSERT INTO {VERSION_TABLE} VALUES ('{HEAD}')")
@@ -248,8 +271,10 @@ def _run(
         # called under the write lock: what is read and copied here is what the steps will find
         nonlocal before, copy
         before = stamps
-        if not _is_empty(connection, stamps) and not set(stamps) <= {f"{n:04}" for n in range(1, int(HEAD) + 1)}:
-            raise _refusal(engine, stamps)
+        if not _is_empty(connection, stamps, schema) and not set(stamps) <= {
+            f"{n:04}" for n in range(1, int(HEAD) + 1)
+        }:
+            raise _refusal(engine, stamps, schema)
         steps = scripts._downgrade_revs(revision, stamps) if down else scripts._upgrade_revs(revision, stamps)
         path = _file(engine)
         if steps and stamps and backup and path is not None:
@@ -261,7 +286,7 @@ def _run(
             scripts.run_env()
     except CommandError as error:
         raise SchemaUnknown(f"{_shown(engine)} was left as it is: {error}") from error
-    after = _stamps(connection)
+    after = _stamps(connection, schema)
     return Migrated(before[0] if before else None, after[0] if after else None, copy)
 
 
@@ -294,7 +319,8 @@ def _copied(path: Path, stamp: str) -> Path:
 @contextmanager
 def _opened(url: Store, schema: str | None) -> Iterator[sa.Engine]:
     """An engine of our own for a while, patient with whoever holds a lock."""
-    engine = make_engine(in_schema(url, schema), busy_timeout=_PATIENCE)
+    engine = make_engine(url, busy_timeout=_PATIENCE)
+    refuse_schema(engine.url, schema)
     try:
         with _translating(engine):
             yield engine

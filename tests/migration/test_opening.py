@@ -5,6 +5,7 @@ import sqlite3
 import pytest
 import sqlalchemy as sa
 
+import kbstore
 from kbstore.errors import SchemaOutOfDate, SchemaTooNew, SchemaUnknown, StoreUnavailable
 from kbstore.storage import schema, tables
 from kbstore.storage.engine import make_engine
@@ -103,7 +104,8 @@ def test_tables_of_another_program_under_our_names_are_refused(engine):
         lambda: schema.current(engine.url),
         lambda: schema.check(engine.url),
     ):
-        with pytest.raises(SchemaUnknown, match=rf"transactions.*{schema.HEAD}.*kbstore db upgrade --schema"):
+        way_out = "schema='kbstore'" if engine.dialect.name == "postgresql" else "a file of its own"
+        with pytest.raises(SchemaUnknown, match=f"somebody else .*: transactions; .*{way_out}"):
             refused()
 
 
@@ -182,3 +184,78 @@ def test_a_schema_is_postgresqls(sqlite_file):
     """SQLite has no schemas: asking for one is refused."""
     with pytest.raises(StoreUnavailable, match="PostgreSQL"):
         schema.upgrade(sqlite_file, schema="fleet")
+
+
+@pytest.mark.parametrize("kind", ["url", "engine"])
+def test_a_knowledge_base_in_a_schema(postgresql_url, kind, tmp_path):
+    """`kbstore.open(..., schema=...)` makes the schema and lives in it, also on an engine of the caller's.
+
+    It sets no search path, so that all that it does names the schema; what another schema has is another store's.
+    """
+    name = f'Fleet "100%" of {kind}'
+    options = {"options": "-c search_path=pg_catalog"}
+    engine = sa.create_engine(postgresql_url, connect_args=options)
+    place = engine if kind == "engine" else engine.url.update_query_dict(options)
+    with kbstore.open(place, "kenny", schema=name) as kb, kbstore.open(place, "kenny", schema=f"{name} 2") as other:
+        kb.load(
+            "(define (domain d) (:types room) (:predicates (open ?r - room)) (:functions (n))"
+            " (:durative-action tidy :parameters (?r - room) :duration (= ?duration 10)"
+            "  :condition (over all (open ?r)) :effect (and (at end (not (open ?r))) (increase (n) (* #t 1)))))"
+        )
+        kb.add("hall - room", "(open hall)", "(= (n) 1)", "(not (open hall))")
+        kb.add("(open hall)", "(= (n) 2)")
+        kb.add_goal("(open hall)")
+        kb.add_metric("minimize (n)")
+        kb.add("(not (open hall))", initial_time=kb.now() + kbstore.seconds(60))
+        run = kb.start("tidy", "hall")
+        kb.remove("(not (open hall))", initial_time=kb.now() + kbstore.seconds(60))
+        kb.end(run)
+        assert not kb.holds("(open hall)")
+        assert kb.state().goals
+        assert len(kb.history("(open ?)")) > 2
+        assert len(list(kb.changes())) == 8
+        assert kb.archive(kb.now(), tmp_path / "archive.db").deleted
+        assert kb.when("(open hall)", since=0, until=kb.now())
+        assert kb.explain("(open hall)")
+        assert kbstore.knowledge_bases(place, schema=name) == ["kenny"]
+        assert other.state().facts == []
+        other.add("(p)")
+        assert len(kb.propositions()) == 1
+        with kbstore.open(place, "kenny", schema=name, read_only=True) as reader:
+            assert reader.value("(n)") >= 2
+    with engine.connect() as connection:
+        assert connection.exec_driver_sql("SHOW search_path").scalar() == "pg_catalog"
+        connection.rollback()
+        for each in (name, f"{name} 2"):
+            quoted = engine.dialect.identifier_preparer.quote_identifier(each)
+            connection.exec_driver_sql(f"DROP SCHEMA {quoted.replace('%', '%%')} CASCADE", ())
+        connection.commit()
+    engine.dispose()
+
+
+def test_no_schema_on_sqlite_when_opening(sqlite_file):
+    """SQLite has no schemas: opening in one is refused, and makes no file."""
+    for place in (sqlite_file, sa.create_engine(f"sqlite:///{sqlite_file}")):
+        with pytest.raises(StoreUnavailable, match="schemas are PostgreSQL's"):
+            kbstore.open(place, schema="fleet")
+    assert not sqlite_file.exists()
+
+
+def test_the_names_of_views(engine):
+    """The views that an empty database is given are those whose names are looked for in others' databases."""
+    schema.ensure(engine, read_only=False)
+    with engine.connect() as connection:
+        assert set(sa.inspect(connection).get_view_names()) == set(schema.VIEWS)
+
+
+def test_a_store_beside_a_services_own_tables(engine):
+    """A service and kbstore share a database: each has its tables, and goes on with them."""
+    with engine.begin() as connection:
+        connection.exec_driver_sql("CREATE TABLE orders (id INTEGER PRIMARY KEY, item TEXT)")
+        connection.exec_driver_sql("INSERT INTO orders VALUES (1, 'cup')")
+    with kbstore.open(engine, "beside") as kb:
+        kb.add("(ordered cup)")
+        assert kb.holds("(ordered cup)")
+    with engine.begin() as connection:
+        assert connection.exec_driver_sql("SELECT item FROM orders").scalars().all() == ["cup"]
+        assert kbstore.knowledge_bases(engine.url) == ["beside"]
