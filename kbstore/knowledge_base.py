@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from copy import copy
 from types import TracebackType
-from typing import Any, Literal, Self, cast, overload
+from typing import TYPE_CHECKING, Any, Literal, Self, cast, overload
 
 from kbstore.clock import Clock, DurationLike, ManualClock, SystemClock, TimeLike, isoformat, time
 from kbstore.conversion import MessageDomain
@@ -66,6 +66,9 @@ from kbstore.transfer.rows import Progress, is_archive
 from kbstore.writing.action_executor import applicability
 from kbstore.writing.ingesting import BATCH, Counted, Ingested, ingest
 from kbstore.writing.unit_of_work import TOLERANCE, OpenTransaction
+
+if TYPE_CHECKING:
+    from sqlalchemy import Connection
 
 
 class KnowledgeBase:
@@ -147,13 +150,29 @@ class KnowledgeBase:
 
     # -- writing ----------------------------------------------------------------------------------------------
 
-    def transaction(self, *, client: str = "", note: str = "", expect: int | None = None) -> OpenTransaction:
+    def transaction(
+        self,
+        *,
+        client: str = "",
+        note: str = "",
+        expect: int | None = None,
+        connection: "Connection | None" = None,
+    ) -> OpenTransaction:
         """A transaction: a context manager with the same writing methods, and a `state` that sees its own writes.
 
-        With `expect`, the number of the latest transaction that the caller knows of, it is a `Conflict` on entry if
-        another one has been committed since.
+        Args:
+            client: who writes.
+            note: why.
+            expect: the number of the latest transaction that the caller knows of; it is a `Conflict` on entry if
+                another one has been committed since.
+            connection: a SQLAlchemy connection of the caller's to the same database. The block takes part in its
+                transaction, which the caller commits or rolls back; until then nobody else sees what was written, and
+                other writers of this knowledge base wait (on SQLite, of the whole file). An exception in the block
+                rolls back to its beginning, and leaves the caller's transaction usable. On SQLite the caller has
+                begun to write (``BEGIN IMMEDIATE``); on PostgreSQL the isolation level is READ COMMITTED.
         """
-        return self._transaction(self._reader, client=client, note=note, expect=expect)
+        reader = self._reader if connection is None else self._reader.within(connection)
+        return self._transaction(reader, client=client, note=note, expect=expect)
 
     def _transaction(self, reader: Reader, *, client: str, note: str, expect: int | None = None) -> OpenTransaction:
         return OpenTransaction(

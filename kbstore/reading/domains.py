@@ -32,6 +32,12 @@ class DomainVersions:
         self._known: list[DomainVersion] = []
         self._loading = threading.Lock()
 
+    def copy(self) -> "DomainVersions":
+        """The same versions, for a reader that may see others that are not committed."""
+        made = DomainVersions(caching=self._caching)
+        made.latest, made._known = self.latest, list(self._known)
+        return made
+
     def all(self, repository: Repository, head: Head) -> list[DomainVersion]:
         """All versions of the domain, in order."""
         known = self._known

@@ -2,6 +2,8 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from copy import copy
+from typing import TYPE_CHECKING
 
 from kbstore.caches import ASSERTIONS, LRU, TIMELINES
 from kbstore.clock import OPEN, SECOND, Clock
@@ -27,6 +29,9 @@ from kbstore.storage.database import Database
 from kbstore.storage.records import Head, LogPosition, RunRow
 from kbstore.storage.repository import Repository, TimelineCache
 
+if TYPE_CHECKING:
+    from sqlalchemy import Connection
+
 
 class Reader:
     """Reads the states of one knowledge base, and has what all that read it share.
@@ -36,6 +41,7 @@ class Reader:
         domains: The versions of the domain.
         questions: The prepared questions.
         cache: The timelines.
+        borrowed: A connection of the caller's, in whose transaction is written.
     """
 
     def __init__(
@@ -60,6 +66,17 @@ class Reader:
         self.cache = TimelineCache(TIMELINES if caching else 0)
         self._states: LRU[int, StateData] = LRU(ASSERTIONS if caching else 0, lambda data: data.size)
         self._explainer = explainer
+        self.borrowed: Connection | None = None
+
+    def within(self, connection: "Connection") -> "Reader":
+        """A reader for writing in a transaction of the caller's; what may never be committed has caches of its own."""
+        made = copy(self)
+        made.borrowed = connection
+        made.domains = self.domains.copy()
+        made.questions = PreparedQuestions(use_unknowns=self.use_unknowns, caching=False)
+        made.cache = TimelineCache()
+        made._states = LRU(0)
+        return made
 
     @contextmanager
     def repository(self) -> Iterator[Repository]:

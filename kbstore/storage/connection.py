@@ -264,6 +264,10 @@ class StoreConnection(ABC):
         """Whether the connection can be used, as far as that can be told without waiting."""
         return not self.is_lost
 
+    @abstractmethod
+    def database(self) -> object:
+        """What tells two databases apart."""
+
     def abandon(self, *, close: bool) -> None:
         """In a forked child: leave the connection to the parent; `close` a file that nobody uses in this process."""
         self.is_lost = True

@@ -5,11 +5,14 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from types import TracebackType
 
+import sqlalchemy as sa
 from sqlalchemy import Engine
 from sqlalchemy.engine import URL
 from sqlalchemy.exc import DBAPIError
 from sqlalchemy.exc import TimeoutError as PoolTimeout
 
+from kbstore.errors import StoreUnavailable
+from kbstore.storage.borrowing import savepoint
 from kbstore.storage.connection import Options, Parameters, SqlRow, StoreConnection
 from kbstore.storage.connections import ThreadConnections
 from kbstore.storage.engine import BUSY_TIMEOUT, make_engine, parsed_url, refuse_others, refuse_schema
@@ -38,7 +41,11 @@ class Database:
             raise ValueError(f'durability is "full" or "normal", not {durability!r}')
         if not 0 <= busy_timeout <= 1_000_000:
             raise ValueError(f"busy_timeout is a number of seconds from 0 to a million, not {busy_timeout!r}")
-        self._connections = self._opened(url, busy_timeout, durability, schema, read_only=read_only)
+        parsed = url.url if isinstance(url, Engine) else parsed_url(url)
+        refuse_schema(parsed, schema)
+        shown = parsed.render_as_string(hide_password=True)
+        self._options = Options(shown, busy_timeout, durability, read_only, schema)
+        self._connections = _opened(url if isinstance(url, Engine) else parsed, self._options)
         self.schema = schema
         self.engine = self._connections.engine
         self.dialect = self.engine.dialect.name
@@ -47,25 +54,6 @@ class Database:
         self.checkout = self._connections.checkout
         self.checkin = self._connections.checkin
         self.close = self._connections.close
-
-    @staticmethod
-    def _opened(
-        url: str | os.PathLike[str] | URL | Engine,
-        busy_timeout: float,
-        durability: str,
-        schema: str | None,
-        *,
-        read_only: bool,
-    ) -> ThreadConnections | PooledConnections:
-        parsed = url.url if isinstance(url, Engine) else parsed_url(url)
-        refuse_schema(parsed, schema)
-        options = Options(parsed.render_as_string(hide_password=True), busy_timeout, durability, read_only, schema)
-        if isinstance(url, Engine):
-            refuse_others(url.dialect.name)
-            return LentConnections(url, options)
-        if parsed.get_backend_name() == "postgresql":
-            return ServerConnections(ServerPool.shared(parsed, busy_timeout), options)
-        return ThreadConnections(make_engine(parsed, busy_timeout=busy_timeout), options)
 
     def connect(self) -> "_Checkout":
         """A connection for single statements, each on the latest commit."""
@@ -90,8 +78,15 @@ class Database:
                 connection.rollback()
 
     @contextmanager
-    def begin(self) -> Iterator[StoreConnection]:
-        """A connection with a write transaction: committed at the end, rolled back after an exception."""
+    def begin(self, borrowed: sa.Connection | None = None) -> Iterator[StoreConnection]:
+        """A connection with a write transaction: committed at the end, rolled back after an exception.
+
+        On a `borrowed` connection it is a savepoint in the caller's transaction, which the caller ends.
+        """
+        if borrowed is not None:
+            with self.wrap_errors(), self._savepoint(borrowed) as connection:
+                yield connection
+            return
         with self.connect() as connection:
             connection.begin(write=True)
             try:
@@ -105,12 +100,39 @@ class Database:
                 raise
 
     @contextmanager
+    def _savepoint(self, borrowed: sa.Connection) -> Iterator[StoreConnection]:
+        if not isinstance(borrowed, sa.Connection):
+            raise TypeError(
+                f"connection is a SQLAlchemy Connection, not {type(borrowed).__name__}; of an ORM session it is "
+                "session.connection()"
+            )
+        if borrowed.dialect.name != self.dialect:
+            raise StoreUnavailable(
+                f"the connection is to {borrowed.dialect.name}, the knowledge base in {self._options.store}"
+            )
+        expected = None
+        if borrowed.engine.pool is not self.engine.pool:
+            with self.connect() as own:
+                expected = own.database()
+        with savepoint(borrowed, self._options, expected) as connection:
+            yield connection
+
+    @contextmanager
     def wrap_errors(self) -> Iterator[None]:
         """Raise errors of SQLAlchemy and of the driver as `StoreUnavailable` with what to do."""
         try:
             yield
         except (DBAPIError, PoolTimeout, self.engine.dialect.loaded_dbapi.Error) as error:
             raise self._connections.failure(error) from error
+
+
+def _opened(place: URL | Engine, options: Options) -> ThreadConnections | PooledConnections:
+    if isinstance(place, Engine):
+        refuse_others(place.dialect.name)
+        return LentConnections(place, options)
+    if place.get_backend_name() == "postgresql":
+        return ServerConnections(ServerPool.shared(place, options.busy_timeout), options)
+    return ThreadConnections(make_engine(place, busy_timeout=options.busy_timeout), options)
 
 
 class _Checkout:

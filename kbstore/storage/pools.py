@@ -209,6 +209,7 @@ class LentConnections(PooledConnections):
         if self._is_sqlite:
             forks.refuse_unsafe()
         while True:
+            self._refuse_shared_transaction()
             try:
                 handle = self.engine.connect().execution_options(isolation_level="AUTOCOMMIT")
             except (DBAPIError, PoolTimeout) as error:
@@ -228,6 +229,18 @@ class LentConnections(PooledConnections):
             self._close(connection)
             raise
         return connection
+
+    def _refuse_shared_transaction(self) -> None:
+        """Raise where the caller has a transaction under way on the pool's one connection, which would be ended."""
+        if self._turn is None or not self._is_sqlite:
+            return
+        pool: Any = self.engine.pool
+        driver = pool.connection.driver_connection
+        if driver is not None and driver.in_transaction:
+            raise StoreUnavailable(
+                f"{self._options.store}: a transaction is under way on the engine's one connection; end it first, or "
+                "take part in it: kb.transaction(connection=...)"
+            )
 
     def _sqlite(self, driver: Any) -> StoreConnection:
         return SqliteConnection(driver, self._options, lent=True, path=os.path.abspath(self.engine.url.database or ""))

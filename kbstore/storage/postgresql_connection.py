@@ -21,11 +21,12 @@ _ROWS = 2000
 """How many rows of a stream are fetched at once."""
 
 
+_DATABASE = "SELECT oid, pg_postmaster_start_time() FROM pg_database WHERE datname = current_database()"
+
 _plain = attrgetter("postgresql")
 
-_TABLE = re.compile(
-    rf"(\b(?:FROM|JOIN|INTO|UPDATE|USING|VACUUM|ANALYZE)|,)(\s+)({'|'.join(tables.metadata.tables)})\b(?![.(])"
-)
+_BEFORE = r"(\b(?:FROM|JOIN|INTO|UPDATE|USING|ANALYZE)|,)(\s+)"
+_TABLE = re.compile(rf"{_BEFORE}({'|'.join(tables.metadata.tables)})\b(?![.(])")
 """A table where it is named as such, and not before one of its columns."""
 
 
@@ -90,6 +91,13 @@ class PostgresqlConnection(StoreConnection):
     def bounds(self, values: Sequence[int | None]) -> str:
         """The same for numbers, as text: to be made once and used by many statements."""
         return json.dumps(values).replace("[", "{").replace("]", "}")
+
+    def database(self) -> object:
+        """The database's number on the server, and since when that runs."""
+        try:
+            return self._execute(_DATABASE).fetchone()
+        except self._error as error:
+            raise self._failure(error) from error
 
     def timeline_ids(self, count: int) -> Sequence[int]:
         """Numbers for new timelines."""

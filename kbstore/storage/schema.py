@@ -170,6 +170,10 @@ def connecting(engine: sa.Engine, *, existing: bool = False) -> Iterator[sa.Conn
         # a connection that has it already may be another one's, too (in memory), and is left as it is
         if not engine.dialect.detect_autocommit_setting(driver):
             connection.execution_options(isolation_level="AUTOCOMMIT")
+        # on an engine of the caller's a listener may begin one here, as SQLAlchemy's page on SQLite has it
+        connection.begin()
+        if engine.dialect.name == "sqlite" and driver.in_transaction:
+            driver.execute("ROLLBACK")
         yield connection
 
 

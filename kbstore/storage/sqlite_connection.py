@@ -171,6 +171,10 @@ class SqliteConnection(StoreConnection):
             raise self._failure(error) from error
         return files["main"] or None
 
+    def database(self) -> object:
+        """The file; in memory, the one connection that there is."""
+        return self.file or id(self.driver)
+
     def has_moved(self) -> bool:
         """Whether its file is not to be found any more where it was opened; SQLite would not notice."""
         return self.file is not None and self.file != file_at(self.path)

@@ -75,7 +75,7 @@ class OpenTransaction:
     def __enter__(self) -> Self:
         with ExitStack() as contexts:
             contexts.enter_context(self._guard())
-            connection = contexts.enter_context(self._reader.database.begin())
+            connection = contexts.enter_context(self._reader.database.begin(self._reader.borrowed))
             self._begin(Repository(connection, self._reader.kb, self._reader.cache))
             self._contexts = contexts.pop_all()
         self._is_open = True

@@ -214,21 +214,21 @@ def test_a_knowledge_base_in_a_schema(postgresql_url, kind, tmp_path):
         assert kb.state().goals
         assert len(kb.history("(open ?)")) > 2
         assert len(list(kb.changes())) == 8
-        assert kb.archive(kb.now(), tmp_path / "archive.db").deleted
         assert kb.when("(open hall)", since=0, until=kb.now())
         assert kb.explain("(open hall)")
         assert kbstore.knowledge_bases(place, schema=name) == ["kenny"]
         assert other.state().facts == []
         other.add("(p)")
-        assert len(kb.propositions()) == 1
+        assert "(p)" not in map(str, kb.state().facts)
         with kbstore.open(place, "kenny", schema=name, read_only=True) as reader:
             assert reader.value("(n)") >= 2
+        assert kb.archive(kb.add("(open hall)").time, tmp_path / "archive.db").rows
     with engine.connect() as connection:
         assert connection.exec_driver_sql("SHOW search_path").scalar() == "pg_catalog"
         connection.rollback()
         for each in (name, f"{name} 2"):
             quoted = engine.dialect.identifier_preparer.quote_identifier(each)
-            connection.exec_driver_sql(f"DROP SCHEMA {quoted.replace('%', '%%')} CASCADE", ())
+            connection.exec_driver_sql(f"DROP SCHEMA {quoted} CASCADE")
         connection.commit()
     engine.dispose()
 

@@ -1,0 +1,275 @@
+"""Writing inside a transaction of the caller's: its row and its knowledge are committed together, or not at all."""
+
+import threading
+from contextlib import suppress
+
+import pytest
+import sqlalchemy as sa
+from sqlalchemy.orm import DeclarativeBase, Mapped, Session, mapped_column
+from sqlalchemy.pool import StaticPool
+
+import kbstore
+from kbstore.errors import Conflict, InvalidKnowledge, StoreUnavailable, UnknownSymbol
+
+
+class Base(DeclarativeBase):
+    pass
+
+
+class Order(Base):
+    __tablename__ = "orders"
+    id: Mapped[int] = mapped_column(primary_key=True)
+    item: Mapped[str]
+
+
+@pytest.fixture(params=["own url", "same engine"])
+def opened_by(request):
+    """Whether the knowledge base is opened by URL, or on the engine whose connection it is given."""
+    return request.param
+
+
+@pytest.fixture
+def engine(shared_url):
+    """A service's own engine, with its table; on SQLite transactions begin for writing."""
+    engine = sa.create_engine(shared_url)
+    if engine.dialect.name == "sqlite":
+        # as SQLAlchemy's documentation has it: the driver does not begin by itself
+        @sa.event.listens_for(engine, "connect")
+        def _no_begin(driver, _):
+            driver.isolation_level = None
+
+        @sa.event.listens_for(engine, "begin")
+        def _begin(connection):
+            connection.exec_driver_sql("BEGIN IMMEDIATE")
+
+    Base.metadata.create_all(engine)
+    yield engine
+    Base.metadata.drop_all(engine)
+    engine.dispose()
+
+
+@pytest.fixture
+def kb(shared_url, engine, opened_by, name):
+    """A knowledge base in the same database."""
+    with kbstore.open(shared_url if opened_by == "own url" else engine, name, busy_timeout=5) as kb:
+        kb.add("(open hall)")
+        yield kb
+
+
+def orders(engine):
+    with Session(engine) as session:
+        return list(session.scalars(sa.select(Order.item)))
+
+
+def test_what_both_wrote_is_committed_together(kb, engine):
+    """A service's row and its knowledge appear at once when the caller commits, and not before."""
+    with Session(engine) as session:
+        session.add(Order(item="cup"))
+        session.flush()
+        with kb.transaction(connection=session.connection(), client="shop") as transaction:
+            transaction.add("(ordered cup)")
+            assert transaction.state().holds("(ordered cup)")
+        assert (transaction.result.number, transaction.result.client) == (2, "shop")
+        assert not kb.holds("(ordered cup)")
+        assert len(kb.state().facts) == 1
+        session.commit()
+    assert kb.holds("(ordered cup)")
+    assert orders(engine) == ["cup"]
+    assert [change.number for change in kb.changes()] == [1, 2]
+
+
+def test_what_both_wrote_is_rolled_back_together(kb, engine):
+    """Nothing is left of either where the caller rolls back; what was remembered meanwhile is not wrong after it."""
+    with engine.connect() as connection:
+        begun = connection.begin()
+        connection.execute(sa.insert(Order).values(item="cup"))
+        with kb.transaction(connection=connection) as transaction:
+            transaction.add("(ordered cup)", "cup - thing")
+        with kb.transaction(connection=connection) as transaction:
+            assert transaction.holds("(ordered cup)")
+            transaction.add("(paid cup)")
+        assert transaction.result.number == 3
+        begun.rollback()
+    assert not kb.holds("(ordered cup)")
+    kb.add("(returned saucer)", "(paid saucer)")
+    # the numbers of the timelines that were rolled back have been given to others
+    for fact, truth in (("(ordered cup)", False), ("(paid cup)", False), ("(paid saucer)", True)):
+        assert kb.holds(fact) is truth
+    kb.add("(ordered cup)")
+    assert kb.holds("(ordered cup)")
+    assert [change.number for change in kb.changes()] == [1, 2, 3]
+    assert orders(engine) == []
+
+
+def test_an_exception_leaves_the_callers_transaction_usable(kb, engine):
+    """What the block wrote is rolled back to its beginning, by whatever it is left; the caller goes on and commits."""
+    with engine.begin() as connection:
+        connection.execute(sa.insert(Order).values(item="cup"))
+        for error in (InvalidKnowledge, KeyboardInterrupt):
+            with suppress(error), kb.transaction(connection=connection) as transaction:
+                transaction.add("(ordered cup)")
+                connection.execute(sa.insert(Order).values(item="saucer"))
+                raise error
+        with kb.transaction(connection=connection) as transaction:
+            assert not transaction.holds("(ordered cup)")
+            transaction.add("(ordered plate)")
+        connection.execute(sa.insert(Order).values(item="plate"))
+    assert {str(fact) for fact in kb.state().facts} == {"(open hall)", "(ordered plate)"}
+    assert orders(engine) == ["cup", "plate"]
+
+
+def test_a_domain_that_is_rolled_back_was_never_there(kb, engine):
+    """D4: another domain may be loaded after one that was not committed, and questions are read by the new one."""
+    domain = "(define (domain {0}) (:types room) (:predicates (open ?r - room) ({0})))"
+    with engine.connect() as connection:
+        begun = connection.begin()
+        with kb.transaction(connection=connection) as transaction:
+            transaction.clear()
+            transaction.load(domain.format("first"))
+            transaction.add("(first)")
+            assert transaction.holds("(first)")
+        with kb.transaction(connection=connection) as transaction:
+            assert transaction.holds("(first)")
+        begun.rollback()
+    with pytest.raises(UnknownSymbol, match="has no domain"):
+        kb.domain.name  # noqa: B018
+    kb.clear()
+    kb.load(domain.format("second"))
+    kb.add("(second)")
+    assert kb.holds("(second)")
+    assert kb.domain.name == "second"
+
+
+def test_what_was_expected_is_checked_and_others_wait(kb, engine, shared_url):
+    """`expect` counts here, too; another writer waits until the caller has committed, and then goes on after it."""
+    with engine.begin() as connection:
+        with pytest.raises(Conflict), kb.transaction(connection=connection, expect=0):
+            pass
+        with kb.transaction(connection=connection, expect=1) as transaction:
+            transaction.add("(ordered cup)")
+        with kbstore.open(shared_url, kb.name, busy_timeout=10) as other:
+            writer = threading.Thread(target=other.add, args=("(ordered saucer)",))
+            writer.start()
+            writer.join(0.2)
+            assert writer.is_alive()
+            connection.commit()
+            writer.join(10)
+            assert [change.number for change in other.changes()] == [1, 2, 3]
+
+
+def test_one_transaction_at_a_time_in_a_thread(kb, engine):
+    """Writing through the knowledge base inside the block is refused at once, as in any transaction."""
+    with (
+        engine.begin() as connection,
+        kb.transaction(connection=connection),
+        pytest.raises(Conflict, match="a transaction is open in this thread"),
+    ):
+        kb.add("(ordered cup)")
+
+
+# -- connections that do not do -----------------------------------------------------------------------------------
+
+
+def enter(kb, connection):
+    with kb.transaction(connection=connection) as transaction:
+        transaction.add("(ordered cup)")
+
+
+def test_on_sqlite_the_caller_has_begun_to_write(path):
+    """Without a transaction, or in one that began by reading while others wrote, the error says how to begin it."""
+    engine = sa.create_engine(f"sqlite:///{path}", connect_args={"timeout": 0.1})
+    with kbstore.open(path) as kb:
+        kb.add("(open hall)")
+        with engine.connect() as connection:
+            with pytest.raises(StoreUnavailable, match=r"no transaction under way .*BEGIN IMMEDIATE"):
+                enter(kb, connection)
+            connection.exec_driver_sql("BEGIN")
+            connection.exec_driver_sql("SELECT count(*) FROM facts").scalar()
+            kb.add("(open galley)")
+            with pytest.raises(StoreUnavailable, match=r"cannot write .*BEGIN IMMEDIATE"):
+                enter(kb, connection)
+            connection.rollback()
+            connection.exec_driver_sql("BEGIN IMMEDIATE")
+            enter(kb, connection)
+            connection.commit()
+        # the driver begins before the first change
+        with engine.begin() as connection:
+            connection.exec_driver_sql("CREATE TABLE own (a)")
+            connection.exec_driver_sql("INSERT INTO own VALUES (1)")
+            enter(kb, connection)
+        assert kb.holds("(ordered cup)")
+    engine.dispose()
+
+
+def test_on_postgresql_the_isolation_is_read_committed(postgresql_url, name):
+    """A transaction that could not see what others wrote while it waited is refused; so is none at all."""
+    engine = sa.create_engine(postgresql_url)
+    with kbstore.open(engine, name) as kb:
+        for level, refusal in (("REPEATABLE READ", "repeatable read"), ("SERIALIZABLE", "serializable")):
+            with (
+                engine.connect().execution_options(isolation_level=level) as connection,
+                pytest.raises(StoreUnavailable, match=rf"{refusal}.* isolation_level='READ COMMITTED'"),
+            ):
+                enter(kb, connection)
+        with (
+            engine.connect().execution_options(isolation_level="AUTOCOMMIT") as connection,
+            pytest.raises(StoreUnavailable, match="in autocommit"),
+        ):
+            enter(kb, connection)
+        # a connection on which nothing has been done yet begins by itself
+        with engine.connect() as connection:
+            enter(kb, connection)
+            assert not kb.holds("(ordered cup)")
+            connection.commit()
+        assert kb.holds("(ordered cup)")
+    engine.dispose()
+
+
+def test_a_connection_to_another_database(path, postgresql_url, empty_database, name):
+    """What is written would go elsewhere: another file, another database, another kind of database."""
+    other_path = path.with_name("other.db")
+    other_file = f"sqlite:///{other_path}"
+    places = [(path, other_file), ("sqlite://", other_file), (postgresql_url, empty_database)]
+    for url in (other_path, empty_database):
+        kbstore.open(url, name).close()
+    for url, elsewhere in places:
+        engine = sa.create_engine(elsewhere)
+        with kbstore.open(url, name) as kb, engine.connect() as connection:
+            if engine.dialect.name == "sqlite":
+                connection.exec_driver_sql("BEGIN IMMEDIATE")
+            with pytest.raises(StoreUnavailable, match="another database"):
+                enter(kb, connection)
+        engine.dispose()
+    engine = sa.create_engine(postgresql_url)
+    with kbstore.open(path, name) as kb, engine.connect() as connection:
+        with pytest.raises(StoreUnavailable, match="is to postgresql"):
+            enter(kb, connection)
+        with Session(engine) as session, pytest.raises(TypeError, match=r"session\.connection\(\)"):
+            enter(kb, session)
+    engine.dispose()
+
+
+def test_the_one_connection_of_a_pool(name):
+    """In memory the caller's transaction is on the only connection: kbstore takes part in it, and does not end it."""
+    engine = sa.create_engine("sqlite://", poolclass=StaticPool, connect_args={"check_same_thread": False})
+    with kbstore.open(engine, name) as kb:
+        kb.add("(open hall)")
+        with engine.connect() as connection:
+            connection.exec_driver_sql("BEGIN IMMEDIATE")
+            enter(kb, connection)
+            with pytest.raises(StoreUnavailable, match="transaction is under way"):
+                kb.holds("(ordered cup)")
+            connection.rollback()
+        assert not kb.holds("(ordered cup)")
+    engine.dispose()
+
+
+def test_a_schema_of_its_own(postgresql_url, name):
+    """The caller's transaction is on its own search path, and stays there."""
+    engine = sa.create_engine(postgresql_url)
+    with kbstore.open(engine, name, schema=name) as kb, engine.begin() as connection:
+        enter(kb, connection)
+        assert connection.exec_driver_sql("SHOW search_path").scalar() == '"$user", public'
+        assert connection.exec_driver_sql(f'SELECT count(*) FROM "{name}".facts').scalar() == 1
+        connection.exec_driver_sql(f'DROP SCHEMA "{name}" CASCADE')
+    engine.dispose()
