@@ -4,7 +4,7 @@ from typing import Annotated
 
 import typer
 
-from kbstore.cli.options import Client, Json, Kb, Note, Now, Url, told
+from kbstore.cli.options import Arguments, Client, Json, Kb, Note, Now, Operator, Url, told
 from kbstore.cli.output import answer
 from kbstore.cli.times import parse_duration
 from kbstore.cli.write import recorded
@@ -14,9 +14,6 @@ from kbstore.knowledge_base import KnowledgeBase
 from kbstore.model.plain import each, plain
 from kbstore.model.results import Run
 from kbstore.names import key
-
-Operator = Annotated[str, typer.Argument(help="The name of an action of the domain.")]
-Arguments = Annotated[list[str] | None, typer.Argument(help="Its arguments, in order.", show_default=False)]
 
 
 def apply(

@@ -4,9 +4,9 @@ from typing import Annotated
 
 import typer
 
-from kbstore.cli.options import TIMES, Json, Kb, Now, Since, Until, Url, asked, at_time
+from kbstore.cli import completion
+from kbstore.cli.options import TIMES, Condition, Json, Kb, Now, Since, Until, Url, asked, at_time
 from kbstore.cli.output import answer, console, json_line
-from kbstore.cli.query import Condition
 from kbstore.cli.times import parse_time
 from kbstore.knowledge_base import KnowledgeBase
 from kbstore.model.plain import each
@@ -16,7 +16,12 @@ from kbstore.report.time_format import TimeFormat
 
 
 def history(
-    pattern: Annotated[str, typer.Argument(help="A fact, function or object in PDDL; ? matches any object.")],
+    pattern: Annotated[
+        str,
+        typer.Argument(
+            help="A fact, function or object in PDDL; ? matches any object.", autocompletion=completion.patterns
+        ),
+    ],
     since: Since = None,
     until: Until = None,
     url: Url = None,
@@ -33,12 +38,7 @@ def history(
     """
     with asked(url, kb, now) as found:
         listed = found.history(pattern, _beginning(since, found), at_time(until, found))
-        moments = TimeFormat(found.now())
-        answer(
-            each(listed),
-            as_json=as_json,
-            view=lambda: records.history_table(listed, moments) if listed else "nothing is recorded of it in that span",
-        )
+        answer(each(listed), as_json=as_json, view=lambda: records.history_view(listed))
 
 
 def when(
@@ -86,9 +86,21 @@ def diff(
 def changes(
     about: Annotated[
         str | None,
-        typer.Argument(help="Only changes of what matches this fact, function or object.", metavar="PATTERN"),
+        typer.Argument(
+            help="Only changes of what matches this fact, function or object.",
+            metavar="PATTERN",
+            autocompletion=completion.patterns,
+        ),
     ] = None,
-    after: Annotated[int, typer.Option("--after", metavar="N", help="Only changes after transaction N.", min=0)] = 0,
+    after: Annotated[
+        int | None,
+        typer.Option(
+            "--after",
+            metavar="N",
+            help="Only changes after transaction N (default: all; with --follow, new ones).",
+            min=0,
+        ),
+    ] = None,
     follow: Annotated[bool, typer.Option("--follow", help="Wait for more, until Ctrl-C.")] = False,
     url: Url = None,
     kb: Kb = None,
@@ -107,7 +119,8 @@ def changes(
     """
     with asked(url, kb, now) as found:
         moments = TimeFormat(found.now())
-        for change in found.watch(about, after, timeout=None if follow else 0):
+        beginning = after if after is not None or follow else 0
+        for change in found.watch(about, beginning, timeout=None if follow else 0):
             if as_json:
                 json_line(change)
             else:

@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 import kbstore
+from kbstore.cli import completion
 from kbstore.cli.times import parse_time
 from kbstore.clock import Clock, ManualClock, SystemClock
 from kbstore.errors import KbStoreError, StoreUnavailable
@@ -16,14 +17,6 @@ STORE = "Store"
 """The panel of the help for `Url`, `Kb` and `Now`."""
 
 TIMES = "TIME is ISO 8601 with an offset, now, -5m, +1h30m, or nanoseconds."
-
-
-def known_names(ctx: typer.Context) -> list[str]:
-    """The knowledge bases of the store, for shell completion."""
-    try:
-        return kbstore.knowledge_bases(ctx.find_root().params.get("url") or ctx.params.get("url") or "")
-    except (KbStoreError, OSError):
-        return []
 
 
 Url = Annotated[
@@ -44,7 +37,7 @@ Kb = Annotated[
         help="The knowledge base; not needed if the store has only one. [KBSTORE_KB]",
         rich_help_panel=STORE,
         show_default=False,
-        autocompletion=known_names,
+        autocompletion=completion.names,
     ),
 ]
 Now = Annotated[
@@ -70,6 +63,21 @@ Since = Annotated[
 Until = Annotated[str | None, typer.Option("--until", metavar="TIME", help="The end of the span.")]
 Starting = Annotated[
     str | None, typer.Option("--at", metavar="TIME", help=f"The time from which it holds (default: now). {TIMES}")
+]
+Operator = Annotated[
+    str, typer.Argument(help="The name of an action of the domain.", autocompletion=completion.operators)
+]
+Arguments = Annotated[
+    list[str] | None,
+    typer.Argument(help="Its arguments, in order.", show_default=False, autocompletion=completion.arguments),
+]
+Condition = Annotated[
+    str,
+    typer.Argument(
+        help="A fact or a condition in PDDL; ? matches any object.",
+        metavar="CONDITION",
+        autocompletion=completion.patterns,
+    ),
 ]
 Client = Annotated[str, typer.Option("--client", metavar="NAME", help="Who writes; recorded with the transaction.")]
 Note = Annotated[str, typer.Option("--note", metavar="TEXT", help="Why; recorded with the transaction.")]

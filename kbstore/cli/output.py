@@ -1,6 +1,9 @@
 """Output: tables for people, JSON for programs, progress on standard error."""
 
+import io
 import json
+import os
+import pydoc
 import re
 import sys
 from collections.abc import Callable, Iterator
@@ -36,7 +39,22 @@ def answer(found: object, *, as_json: bool, view: Callable[[], RenderableType | 
     if as_json:
         sys.stdout.write(_dumps(found, indent=2) + "\n")
     else:
-        show(console(), view())
+        _page(view())
+
+
+def _page(view: RenderableType | str) -> None:
+    """Print for people; on a terminal that is too low for it, through the pager."""
+    target = console()
+    if not (target.is_terminal and sys.stdin.isatty()):
+        show(target, view)
+        return
+    target.file = text = io.StringIO()
+    show(target, view)
+    if text.getvalue().count("\n") < target.height:
+        sys.stdout.write(text.getvalue())
+    else:
+        os.environ.setdefault("LESS", "-R")  # colours are shown, not spelled
+        pydoc.pager(text.getvalue())
 
 
 def json_line(found: object) -> None:

@@ -5,7 +5,8 @@ from typing import Annotated
 
 import typer
 
-from kbstore.cli.options import AsOf, At, Json, Kb, Now, Url, asked, at_time
+from kbstore.cli import completion
+from kbstore.cli.options import Arguments, AsOf, At, Condition, Json, Kb, Now, Operator, Url, asked, at_time
 from kbstore.cli.output import answer
 from kbstore.errors import InvalidKnowledge
 from kbstore.messages import Truth, format_number
@@ -17,10 +18,6 @@ from kbstore.report.time_format import TimeFormat
 EXIT_CODES = {Truth.TRUE: 0, Truth.FALSE: 1, Truth.UNKNOWN: 3}
 """The exit codes of ``holds``."""
 
-Condition = Annotated[
-    str, typer.Argument(help="A fact or a condition in PDDL; ? matches any object.", metavar="CONDITION")
-]
-
 
 def state(
     patterns: Annotated[
@@ -29,11 +26,17 @@ def state(
             help="Show what matches these facts, functions or objects; ? matches any object.",
             metavar="[PATTERN]...",
             show_default=False,
+            autocompletion=completion.patterns,
         ),
     ] = None,
     about: Annotated[
         list[str] | None,
-        typer.Option("--about", metavar="OBJECT", help="Show what refers to this object. Repeatable."),
+        typer.Option(
+            "--about",
+            metavar="OBJECT",
+            help="Show what refers to this object. Repeatable.",
+            autocompletion=completion.objects,
+        ),
     ] = None,
     only: Annotated[list[Part] | None, typer.Option("--only", help="Show this part. Repeatable.")] = None,
     everything: Annotated[
@@ -103,7 +106,14 @@ def holds(
 
 
 def value(
-    expression: Annotated[str, typer.Argument(help="A numeric function or expression in PDDL.", metavar="EXPRESSION")],
+    expression: Annotated[
+        str,
+        typer.Argument(
+            help="A numeric function or expression in PDDL.",
+            metavar="EXPRESSION",
+            autocompletion=completion.patterns,
+        ),
+    ],
     at: At = None,
     as_of: AsOf = None,
     url: Url = None,
@@ -150,8 +160,8 @@ def explain(
 
 
 def applicable(
-    operator: Annotated[str, typer.Argument(help="The name of an action of the domain.")],
-    arguments: Annotated[list[str] | None, typer.Argument(help="Its arguments, in order.", show_default=False)] = None,
+    operator: Operator,
+    arguments: Arguments = None,
     at: At = None,
     url: Url = None,
     kb: Kb = None,

@@ -1,4 +1,4 @@
-"""The record, for reading: histories, transactions, differences, intervals, explanations."""
+"""The record as tables and trees for people: histories, transactions, differences, intervals, explanations."""
 
 from collections.abc import Iterable, Sequence
 
@@ -6,15 +6,32 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 from rich.tree import Tree
 
+from kbstore.clock import isoformat
 from kbstore.evaluation.intervals import Intervals
 from kbstore.messages import Condition, KnowledgeItem, format_number
 from kbstore.model.results import Applicability, Assertion, Change, Diff, Explanation, Transaction
 from kbstore.report.tables import DIM, FALSE, TITLE, plural, printable, table
-from kbstore.report.time_format import TimeFormat, span
+from kbstore.report.time_format import DAY, TimeFormat, span
+
+
+def history_view(assertions: Sequence[Assertion]) -> RenderableType:
+    """Assertions as a table; where all times are of one day, the day is a heading, and the table fits 100 columns."""
+    if not assertions:
+        return Text("nothing is recorded of it in that span")
+    times = [
+        t
+        for found in assertions
+        for t in (found.initial_time, found.end_time, *(by.time for by in (found.recorded, found.ended) if by))
+        if t is not None
+    ]
+    times += [found.cancelled.time for found in assertions if found.cancelled]
+    moments = TimeFormat(times[0], brief=len({t // DAY for t in times}) == 1)
+    shown = history_table(assertions, moments)
+    return Group(Text(f"Times of {isoformat(times[0])[:10]}, UTC", DIM), shown) if moments.brief else shown
 
 
 def history_table(assertions: Sequence[Assertion], moments: TimeFormat) -> RenderableType:
-    """Assertions in order of time: from when to when they held, who recorded them, and who ended or cancelled them."""
+    """Assertions in order of time: when each held, who recorded it, and who ended or cancelled it."""
     rows = [
         (
             item_text(found.item),
@@ -37,14 +54,14 @@ def outcome(found: Assertion, moments: TimeFormat) -> str:
 
 
 def by(transaction: Transaction, moments: TimeFormat, beside: int | None = None) -> str:
-    """A transaction in a few words: its number, its client, its time (unless that is shown `beside` it)."""
+    """A transaction in a few words: its number, its client, and its time unless that is `beside` it already."""
     client = f" by {printable(transaction.client)}" if transaction.client else ""
     time = "" if transaction.time == beside else f" at {moments.absolute(transaction.time)}"
     return f"#{transaction.number}{client}{time}"
 
 
 def log_table(transactions: Iterable[Transaction], moments: TimeFormat) -> RenderableType:
-    """Transactions, one a line."""
+    """Transactions, one per line."""
     rows = [
         (f"#{tx.number}", moments.absolute(tx.time), printable(tx.client), printable(tx.note), str(tx.changes))
         for tx in transactions
@@ -71,7 +88,7 @@ def change_view(change: Change, moments: TimeFormat) -> RenderableType:
 
 
 def diff_view(diff: Diff) -> RenderableType:
-    """What differs between two times, one thing a line."""
+    """The differences between two times, one per line."""
     rows: list[tuple[str, Text | str]] = []
     for what, items in (
         ("became true", diff.became_true),

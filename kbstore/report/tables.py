@@ -1,4 +1,4 @@
-"""The one look of all tables: a heading, a line, aligned columns; on a narrow terminal, lines; nothing cut off."""
+"""Tables: a heading, a line, aligned columns; on a narrow terminal, lines. Nothing is cut off."""
 
 from collections.abc import Iterable, Iterator, Sequence
 
@@ -15,7 +15,10 @@ _GAP = 3
 """Between two columns."""
 
 _NARROWEST = 20
-"""To how many characters the widest column of a table may be folded."""
+"""To how many characters a column may be folded."""
+
+_FOLDED = 2
+"""How many columns, of the widest, may be folded."""
 
 TITLE, DIM, FALSE, SCHEDULED, NUMBER = "bold", "dim", "red", "cyan", "green"
 """Styles by what they mean; what they say must be in the words, too, as colours are for terminals only."""
@@ -33,20 +36,22 @@ class _Rows:
             max(cell_len(heading.removeprefix(">")), *(cell.cell_len for cell in column), 0)
             for heading, column in zip(self._headings, zip(*self._rows, strict=True), strict=True)
         ]
-        widest = max(widths)
-        narrowest = sum(widths) - widest + min(widest, _NARROWEST) + _GAP * (len(widths) - 1)
-        if narrowest <= options.max_width:
-            yield self._table(folded=widths.index(widest))
-        else:
-            yield from self._stacked()
+        widest = sorted(range(len(widths)), key=lambda index: -widths[index])
+        for count in range(1, _FOLDED + 1):
+            folded = widest[:count]
+            narrowest = sum(min(width, _NARROWEST) if index in folded else width for index, width in enumerate(widths))
+            if narrowest + _GAP * (len(widths) - 1) <= options.max_width:
+                yield self._table(folded)
+                return
+        yield from self._stacked()
 
-    def _table(self, folded: int) -> Table:
-        """Columns; only one is folded, if need be."""
+    def _table(self, folded: Sequence[int]) -> Table:
+        """Columns, some of which may be folded."""
         grid = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False, header_style=DIM)
         for index, heading in enumerate(self._headings):
             right = heading.startswith(">")
             justify: JustifyMethod = "right" if right else "left"
-            grid.add_column(heading.removeprefix(">"), justify=justify, overflow="fold", no_wrap=index != folded)
+            grid.add_column(heading.removeprefix(">"), justify=justify, overflow="fold", no_wrap=index not in folded)
         for row in self._rows:
             grid.add_row(*row)
         return grid

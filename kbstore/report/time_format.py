@@ -7,12 +7,12 @@ from kbstore.messages import format_number
 
 _MINUTE = 60 * SECOND
 _HOUR = 60 * _MINUTE
-_DAY = 24 * _HOUR
+DAY = 24 * _HOUR
 
 _FINEST = ((10 * SECOND, SECOND), (SECOND, SECOND // 10), (0, SECOND // 1000))
 """From how long on, what is the finest that is shown of how long ago."""
 
-_UNITS = ((_DAY, "d"), (_HOUR, "h"), (_MINUTE, "min"), (SECOND, "s"))
+_UNITS = ((DAY, "d"), (_HOUR, "h"), (_MINUTE, "min"), (SECOND, "s"))
 
 
 def span(ns: int) -> str:
@@ -48,7 +48,7 @@ class TimeFormat:
         if t is None:
             return ""
         text = isoformat(t)
-        if self.brief and t // _DAY == self.now // _DAY:
+        if self.brief and t // DAY == self.now // DAY:
             return text[len("2026-05-04T") : -1]
         return text
 

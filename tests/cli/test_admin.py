@@ -69,7 +69,7 @@ def test_archive_moves_history_out(run, store, tmp_path):
     assert run("value", "(battery kenny)", "--at", ALARM, "--url", archive).out == "35.5\n"
     refused = run("value", "(battery kenny)", "--at", ALARM, "--url", store)
     assert (refused.code, "has been archived" in refused.err) == (2, True)
-    assert "(= (battery kenny) 25.5)" in run("history", "(battery kenny)", "--url", store).words[2]
+    assert "(= (battery kenny) 25.5)" in run("history", "(battery kenny)", "--url", store).words[3]
     again = run("archive", "--before", "2026-05-04T08:00:00Z", archive, "--url", store)
     assert again.code == 0
     assert again.out.startswith("there was nothing to archive")

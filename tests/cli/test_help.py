@@ -1,9 +1,12 @@
 """Help, completion, and what all commands have in common."""
 
 import json
+import os
 
 import pytest
+import typer
 
+from kbstore.cli import completion
 from kbstore.cli.app import COMMANDS, app, db, goal
 
 PREFIX = {id(app): (), id(goal): ("goal",), id(db): ("db",)}
@@ -95,15 +98,29 @@ def test_version(run):
 
 
 def test_completion(run, monkeypatch):
-    """The shell is told commands, options, formats, and the names of knowledge bases."""
+    """The shell is told commands, options, formats, knowledge bases, operators, and objects that fit."""
     for words, expected in (
         ("kbstore sta", "state"),
         ("kbstore db up", "upgrade"),
         ("kbstore state --as", "--as-of"),
         ("kbstore export --format j", "json"),
         ("kbstore state --kb k", "kenny"),
+        ("kbstore start pass", "pass_door"),
+        ("kbstore applicable drive kenny c", "corridor"),
+        ("kbstore state --about ke", "kenny"),
     ):
         monkeypatch.setenv("_KBSTORE_COMPLETE", "complete_bash")
         monkeypatch.setenv("COMP_WORDS", words)
         monkeypatch.setenv("COMP_CWORD", str(len(words.split()) - 1))
         assert expected in run().out.split()
+
+
+def test_completion_of_conditions_and_arguments(run, monkeypatch):
+    """A pattern for each predicate and function; objects of the parameter's type only; nothing without a store."""
+    ctx = typer.Context(typer.main.get_command(app), info_name="kbstore")
+    ctx.params = {"url": os.environ["KBSTORE_URL"], "operator": "DRIVE", "arguments": ["kenny"]}
+    assert completion.arguments(ctx) == ["corridor", "home", "lab", "office"]
+    assert {"(robot_at ? ?)", "(battery ?)"} < set(completion.patterns(ctx))
+    ctx.params["url"] = "no/such/file.db"
+    for complete in (completion.names, completion.operators, completion.arguments, completion.objects):
+        assert complete(ctx) == []

@@ -1,22 +1,44 @@
 """Questions over time, on the mission."""
 
+import io
 import json
 
+from rich.console import Console
+
+import kbstore
 from kbstore.demo.mission import moment
+from kbstore.report import records
 
 
 def test_history_lists_who_said_and_who_ended(run):
-    """One line an assertion; a cancelled one is marked (Q3)."""
-    assert run("history", "(open lab_door)").words[2:] == [
-        "(open lab_door) 2026-05-04T09:00:00Z 2026-05-04T09:01:00Z 1 min"
-        " #1 by mission at 2026-05-04T08:58:00Z #11 by fire alarm",
-        "(not (open lab_door)) 2026-05-04T09:01:00Z 2026-05-04T09:04:00Z 3 min #11 by fire alarm #14 by facilities",
-        "(open lab_door) 2026-05-04T09:04:00Z 2026-05-04T09:15:00Z 11 min"
-        " #14 by facilities #14 by facilities at 2026-05-04T09:04:00Z",
-        "(not (open lab_door)) 2026-05-04T09:10:00Z cancelled"
-        " #1 by mission at 2026-05-04T08:58:00Z #14 by facilities at 2026-05-04T09:04:00Z",
-        "(not (open lab_door)) 2026-05-04T09:15:00Z #14 by facilities at 2026-05-04T09:04:00Z",
+    """One line an assertion; a cancelled one is marked (Q3). The day of all times is said once."""
+    words = run("history", "(open lab_door)").words
+    assert words[0] == "Times of 2026-05-04, UTC"
+    assert words[3:] == [
+        "(open lab_door) 09:00:00 09:01:00 1 min #1 by mission at 08:58:00 #11 by fire alarm",
+        "(not (open lab_door)) 09:01:00 09:04:00 3 min #11 by fire alarm #14 by facilities",
+        "(open lab_door) 09:04:00 09:15:00 11 min #14 by facilities #14 by facilities at 09:04:00",
+        "(not (open lab_door)) 09:10:00 cancelled #1 by mission at 08:58:00 #14 by facilities at 09:04:00",
+        "(not (open lab_door)) 09:15:00 #14 by facilities at 09:04:00",
     ]
+
+
+def test_history_of_several_days_has_whole_times(run, store):
+    """Where a time is of another day, each has its date."""
+    run("add", "(open lab_door)", "--now", "2026-05-05T08:00:00Z", "--url", store)
+    words = run("history", "(open lab_door)", "--url", store).words
+    assert words[2].startswith("(open lab_door) 2026-05-04T09:00:00Z 2026-05-04T09:01:00Z 1 min #1 by mission at 2026-")
+    assert words[-1].startswith("(open lab_door) 2026-05-05T08:00:00Z")
+
+
+def test_history_fits_a_terminal_of_100_columns(recorded):
+    """Q3: a row for each assertion, of which only the columns of transactions are folded."""
+    with kbstore.open(recorded, "kenny", clock=kbstore.ManualClock(), read_only=True) as kb:
+        console = Console(width=100, file=io.StringIO())
+        console.print(records.history_view(kb.history("(open lab_door)")))
+    lines = console.file.getvalue().splitlines()
+    assert max(map(len, lines)) <= 100
+    assert sum(line.startswith(("(open lab_door)  ", "(not (open lab_door))  ")) for line in lines) == 5
 
 
 def test_history_in_a_span(run):

@@ -40,9 +40,21 @@ def test_exit_codes(environment, arguments, code):
 
 def test_a_terminal_gets_colours_and_folded_lines(environment):
     """On a terminal of 80 columns no line is longer, and nothing is cut off."""
+    text = on_a_terminal("history", DOOR, environment=environment)
+    assert "\x1b[" in text
+    assert "…" not in text
+    plain = re.sub(r"\x1b\[[0-9;]*m", "", text)
+    assert max(map(len, plain.splitlines())) <= 80
+
+
+def on_a_terminal(*arguments, environment, rows=25):
+    """What a terminal of 80 columns shows of a command."""
     leader, follower = pty.openpty()
-    call = [*KBSTORE, "history", DOOR]
-    with subprocess.Popen(call, env={**environment, "COLUMNS": "80"}, stdout=follower, stderr=follower) as process:
+    size = {"COLUMNS": "80", "LINES": str(rows)}
+    call = [*KBSTORE, *arguments]
+    with subprocess.Popen(
+        call, env={**environment, **size}, stdin=follower, stdout=follower, stderr=follower
+    ) as process:
         os.close(follower)
         shown = b""
         while True:
@@ -52,11 +64,15 @@ def test_a_terminal_gets_colours_and_folded_lines(environment):
                 break
         assert process.wait() == 0
     os.close(leader)
-    text = shown.decode()
-    assert "\x1b[" in text
-    assert "…" not in text
-    plain = re.sub(r"\x1b\[[0-9;]*m", "", text)
-    assert max(map(len, plain.splitlines())) <= 80
+    return shown.decode()
+
+
+def test_a_long_answer_goes_through_the_pager(environment):
+    """On a terminal of ten rows the pager shows it; on one with room it is printed."""
+    environment["PAGER"] = "sed s/^/page:/"
+    state = ("state", "--at", "2026-05-04T09:02:00Z")
+    assert "page:" in on_a_terminal(*state, environment=environment, rows=10)
+    assert "page:" not in on_a_terminal(*state, environment=environment, rows=100)
 
 
 def test_a_reader_that_has_had_enough(environment):
