@@ -1,10 +1,26 @@
-"""Commands that execute actions: ``apply``, ``start``, ``end``, ``abort``."""
+"""Commands about actions: ``apply``, ``start``, ``end``, ``abort``, ``runs``."""
 
 from typing import Annotated
 
 import typer
 
-from kbstore.cli.options import Arguments, Client, Json, Kb, Note, Now, Operator, Url, told
+from kbstore.cli import completion
+from kbstore.cli.options import (
+    Arguments,
+    AsOf,
+    Client,
+    Json,
+    Kb,
+    Note,
+    Now,
+    Operator,
+    Since,
+    Until,
+    Url,
+    asked,
+    at_time,
+    told,
+)
 from kbstore.cli.output import answer
 from kbstore.cli.times import parse_duration
 from kbstore.cli.write import recorded
@@ -14,6 +30,7 @@ from kbstore.knowledge_base import KnowledgeBase
 from kbstore.model.plain import each, plain
 from kbstore.model.results import Run
 from kbstore.names import key
+from kbstore.report import records
 
 
 def apply(
@@ -67,7 +84,7 @@ def start(
             run = tx.start(operator, *(arguments or []), duration=lasting, force=force)
         done = tx.result
     report = {"run": plain(run), "transaction": plain(done)}
-    said = f"transaction {done.number} at {isoformat(done.time)}: {_action(run)} started"
+    said = f"transaction {done.number} at {isoformat(done.time)}: {records.action_text(run)} started"
     said += f", its end is expected at {isoformat(run.expected_end)}"
     if run.forced:
         said += f"; forced against {', '.join(run.forced)}"
@@ -86,7 +103,8 @@ def end(
 ) -> None:
     """End a running action: its at-end effects happen, and its continuous effects stop.
 
-    The arguments may be left out if only one such action is running.
+    Shows which at-end conditions failed, and which invariants were broken. The arguments may be left out if only one
+    such action is running.
 
     Examples:
         kbstore end drive
@@ -95,9 +113,11 @@ def end(
     with told(url, kb, now, creating=False) as found:
         run = _running(found, operator, arguments)
         done = found.end(run, client=client, note=note)
-    report = {"run": plain(run), "transaction": plain(done), "failing": each(done.failing)}
-    said = [f"transaction {done.number} at {isoformat(done.time)}: {_action(run)} ended"]
+    failing, broken = each(done.failing), each(done.broken)
+    report = {"run": plain(run), "transaction": plain(done), "failing": failing, "broken": broken}
+    said = [f"transaction {done.number} at {isoformat(done.time)}: {records.action_text(run)} ended"]
     said += [f"at its end, {failing.condition} is {failing.truth}" for failing in done.failing]
+    said += [f"over all, {broken}" for broken in done.broken]
     answer(report, as_json=as_json, view=lambda: "\n".join(said))
 
 
@@ -122,8 +142,37 @@ def abort(
         run = _running(found, operator, arguments)
         done = found.abort(run, client=client, note=note)
     report = {"run": plain(run), "transaction": plain(done)}
-    said = f"transaction {done.number} at {isoformat(done.time)}: {_action(run)} aborted"
+    said = f"transaction {done.number} at {isoformat(done.time)}: {records.action_text(run)} aborted"
     answer(report, as_json=as_json, view=lambda: said)
+
+
+def runs(
+    pattern: Annotated[
+        str | None,
+        typer.Argument(
+            help='An operator, or an action in PDDL: "(drive kenny ? ?)".',
+            metavar="[PATTERN]",
+            autocompletion=completion.operators,
+        ),
+    ] = None,
+    since: Since = None,
+    until: Until = None,
+    as_of: AsOf = None,
+    url: Url = None,
+    kb: Kb = None,
+    now: Now = None,
+    as_json: Json = False,
+) -> None:
+    """List the durative actions that ran in a span: when, how they ended, and which invariants were broken.
+
+    Examples:
+        kbstore runs
+        kbstore runs drive --since -1h
+        kbstore runs "(drive kenny ? ?)" --json
+    """
+    with asked(url, kb, now) as found:
+        listed = found.runs(pattern, at_time(since, found), at_time(until, found), at_time(as_of, found))
+        answer(each(listed), as_json=as_json, view=lambda: records.runs_view(listed))
 
 
 def _running(kb: KnowledgeBase, operator: str, arguments: list[str] | None) -> Run:
@@ -136,9 +185,7 @@ def _running(kb: KnowledgeBase, operator: str, arguments: list[str] | None) -> R
     if not running:
         raise NotApplicable(f"({' '.join((operator, *(arguments or [])))}) is not running; see kbstore state")
     if len(running) > 1:
-        raise NotApplicable(f"which {operator}? {', '.join(map(_action, running))} are running; give the arguments")
+        raise NotApplicable(
+            f"which {operator}? {', '.join(map(records.action_text, running))} are running; give the arguments"
+        )
     return running[0]
-
-
-def _action(run: Run) -> str:
-    return f"({' '.join((run.operator, *run.arguments))})"

@@ -53,7 +53,13 @@ COMMANDS: list[tuple[typer.Typer, str | None, Commands]] = [
     (
         app,
         "Ask over time",
-        {"history": history.history, "when": history.when, "diff": history.diff, "changes": history.changes},
+        {
+            "history": history.history,
+            "when": history.when,
+            "runs": act.runs,
+            "diff": history.diff,
+            "changes": history.changes,
+        },
     ),
     (
         app,

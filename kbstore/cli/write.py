@@ -27,6 +27,9 @@ def load(
         typer.Argument(help="A domain, a problem, or both.", metavar="FILE...", exists=True, dir_okay=False),
     ],
     replace: Annotated[bool, typer.Option("--replace", help="Clear first, in the same transaction.")] = False,
+    once: Annotated[
+        bool, typer.Option("--once", help="Do nothing if these texts have ever been loaded: for start-up scripts.")
+    ] = False,
     client: Client = "",
     note: Note = "",
     url: Url = None,
@@ -41,10 +44,11 @@ def load(
     Examples:
         kbstore --url robot.db --kb kenny load domain.pddl problem.pddl
         kbstore load problem.pddl --replace --note "a new day"
+        kbstore load domain.pddl problem.pddl --once && robot-service
     """
     domain, problem = _domain_and_problem(files)
     with told(url, kb, now) as found, working(f"loading {' '.join(path.name for path in files)}"):
-        done = found.load(domain, problem, replace=replace, client=client, note=note)
+        done = found.load(domain, problem, replace=replace, once=once, client=client, note=note)
     recorded(done, as_json)
 
 

@@ -245,7 +245,7 @@ class Run(Result):
         """Return the run as plain data."""
         found = Result.to_dict(self)
         duration = found.pop("duration")
-        return {**found, "duration_ns": duration, **times(expected_end=self.expected_end)}
+        return {**found, "duration_ns": duration, **times(expected_end=self.expected_end, ended=self.ended)}
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,7 @@ from rich.tree import Tree
 from kbstore.clock import isoformat
 from kbstore.evaluation.intervals import Intervals
 from kbstore.messages import Condition, KnowledgeItem, format_number
-from kbstore.model.results import Applicability, Assertion, Change, Diff, Explanation, Transaction
+from kbstore.model.results import Applicability, Assertion, Change, Diff, Explanation, Run, Transaction
 from kbstore.report.tables import DIM, FALSE, TITLE, plural, printable, table
 from kbstore.report.time_format import DAY, TimeFormat, span
 
@@ -44,6 +44,42 @@ def history_table(assertions: Sequence[Assertion], moments: TimeFormat) -> Rende
         for found in assertions
     ]
     return table("", ("knowledge", "from", "until", ">for", "recorded", "ended or cancelled"), rows)
+
+
+def runs_view(runs: Sequence[Run]) -> RenderableType:
+    """Runs as a table, and below it the invariants that were broken."""
+    if not runs:
+        return Text("nothing ran in that span")
+    times = [t for run in runs for t in (run.started, run.expected_end, run.ended) if t is not None]
+    moments = TimeFormat(times[0], brief=len({t // DAY for t in times}) == 1)
+    rows = [
+        (
+            action_text(run),
+            moments.absolute(run.started),
+            moments.absolute(run.expected_end),
+            moments.absolute(run.ended),
+            "" if run.ended is None else span(run.ended - run.started),
+            run.outcome,
+        )
+        for run in runs
+    ]
+    found = [table("", ("action", "started", "expected end", "ended", ">after", "outcome"), rows)]
+    if moments.brief:
+        found.insert(0, Text(f"Times of {isoformat(times[0])[:10]}, UTC", DIM))
+    found += [
+        Text(
+            f"{action_text(run)}: {broken.condition} was {broken.truth} {moments.interval(broken.since, broken.until)}"
+        )
+        for run in runs
+        for broken in run.broken
+    ]
+    found += [Text(f"{action_text(run)} was forced against {', '.join(run.forced)}") for run in runs if run.forced]
+    return Group(*found)
+
+
+def action_text(run: Run) -> str:
+    """The action that ran, in PDDL."""
+    return f"({' '.join((run.operator, *run.arguments))})"
 
 
 def outcome(found: Assertion, moments: TimeFormat) -> str:

@@ -92,3 +92,39 @@ def test_acting_creates_no_store(run, tmp_path):
         done = run(command, "fly", "--url", tmp_path / "typo.db")
         assert (done.code, "there is no store at" in done.err) == (2, True)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_end_reports_what_was_broken(ward):
+    """O6: the door is shut for two seconds while kenny passes; the action has ended all the same."""
+    ward("start", "undock", "kenny", "home")
+    ward("end", "undock", after=10)
+    ward("add", "(robot_at kenny corridor)", "(open lab_door)", after=10)
+    ward("start", "pass_door", "kenny", "lab_door", "corridor", "lab", after=11)
+    ward("remove", "(open lab_door)", after=20)
+    ward("add", "(open lab_door)", after=22)
+    done = ward("end", "pass_door", after=51)
+    assert done.out.splitlines()[1:] == [
+        "over all, (open lab_door) is false since 2026-05-04T09:00:20Z until 2026-05-04T09:00:22Z"
+    ]
+    ended = ward("runs", "pass_door", "--json", after=60).json
+    assert [(broken["since"], broken["until"]) for broken in ended[0]["broken"]] == [
+        ("2026-05-04T09:00:20Z", "2026-05-04T09:00:22Z")
+    ]
+
+
+def test_runs_lists_what_ran(run):
+    """Q8: on the mission of the demonstration; as of a time, what ended later is running."""
+    words = run("runs").words
+    assert words[0] == "Times of 2026-05-04, UTC"
+    assert words[3] == "(undock kenny home) 08:58:10 08:58:20 08:58:20 10 s ended"
+    assert "(pass_door kenny lab_door corridor lab) 09:00:40 09:01:20 09:01:02 22 s aborted" in words
+    # the alarm shut the door two seconds before the action was aborted
+    assert words[-1] == (
+        "(pass_door kenny lab_door corridor lab): (open lab_door) was false from 09:01:00 until 09:01:02"
+    )
+    (found,) = run("runs", "(drive kenny corridor ?)", "--json").json
+    assert (found["ended"], found["ended_by"], found["outcome"]) == ("2026-05-04T09:06:48Z", 21, "ended")
+    (found,) = run("runs", "drive", "--as-of", "2026-05-04T08:58:30Z", "--json").json
+    assert (found["ended"], found["outcome"]) == (None, "running")
+    assert run("runs", "--until", "2026-05-04T08:58:00Z").out == "nothing ran in that span\n"
+    assert "no operator fly" in run("runs", "fly").err

@@ -29,6 +29,7 @@ EXAMPLES = {
     "applicable": ["undock", "kenny", "home"],
     "history": ["(open ?)"],
     "when": ["(open lab_door)"],
+    "runs": ["drive"],
     "diff": [ASKED],
     "changes": ["--after", "24"],
     "kbs": [],

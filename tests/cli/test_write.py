@@ -60,6 +60,13 @@ def test_a_problem_alone_uses_the_domain_that_is_there(trolleys, files):
     assert trolleys("holds", "(parked t1 yard)").code == 0
 
 
+def test_load_once(trolleys, files):
+    """P7: what has been loaded is not loaded again, even after changes: for scripts that start a service."""
+    assert trolleys("load", *files, "--once").out == "nothing changed; the latest transaction is 1\n"
+    trolleys("remove", "t1")
+    assert trolleys("load", *files, "--once").out == "nothing changed; the latest transaction is 2\n"
+
+
 def test_load_refuses_two_domains_and_three_files(trolleys, files):
     """Two domains are refused; so is a third file."""
     domain, problem = files
