@@ -584,13 +584,14 @@ class KnowledgeBase:
             arguments: the objects for its parameters.
             duration: in nanoseconds (``kbstore.seconds(20)``), a `timedelta` or a duration stamp; without it the
                 domain must fix it.
-            force: start it also where the domain's constraints do not allow the duration (rule O7); the answer's
-                `forced` lists what was overruled.
+            force: start it also where the domain's constraints do not allow the duration (rule O7), or an over-all
+                condition is expected to break before the end (O6); the answer's `forced` lists what was overruled.
             client: who starts it.
             note: why.
 
         Raises:
-            NotApplicable: with each condition that fails, and since when.
+            NotApplicable: with each condition that fails, and since when, or from when on it is expected to.
+            NotLinear: where a rate, or what is expected of a condition, cannot be computed (rules O5, O6).
             InvalidTime: for a bare number of nanoseconds below a millisecond, which is meant as seconds.
         """
         with self.transaction(client=client, note=note) as tx:

@@ -18,6 +18,7 @@ from kbstore.model.results import Run
 from kbstore.model.timelines import Identity, Role, Timeline, Value, number_at
 from kbstore.names import key
 from kbstore.planning import effects
+from kbstore.planning.effects import Effects
 from kbstore.planning.grounding import ground
 from kbstore.planning.rates import RunningAction, is_moving, rates, value_at_end
 
@@ -70,8 +71,8 @@ class Simulator:
         self._standing: dict[Identity, StateRow] = {row[0].identity: row for row in standing}
         # of one time, ends of objects come first
         self._pending = sorted(pending, key=lambda row: (row[1], not _is_end(row), row[0].id))
-        self._domain = domain
-        self._use_unknowns = use_unknowns
+        self.domain = domain
+        self.use_unknowns = use_unknowns
         self._mentions = mentions
         self._recorded = recorded
         self._now = start
@@ -131,7 +132,7 @@ class Simulator:
 
         Where a rate has no value any more, the function becomes undefined until it is set (rule O5).
         """
-        if not self._added and not any(is_moving(entry.run.operator, self._domain) for entry in self.running):
+        if not self._added and not any(is_moving(entry.run.operator, self.domain) for entry in self.running):
             return
         before, self._added = self._added, rates(self.running, self._snapshot(), self.moving())
         for function in {**(before or {}), **self._added}:
@@ -152,7 +153,7 @@ class Simulator:
         return moving_functions((*self._standing.values(), *self._pending))
 
     def _is_sensed(self, function: Atom) -> bool:
-        return self._domain is not None and function.name in self._domain.sensed
+        return self.domain is not None and function.name in self.domain.sensed
 
     def _with_rate(self, timeline: Timeline, value: Value) -> Value:
         function = Atom(timeline.keys[0], timeline.keys[1:])
@@ -161,7 +162,7 @@ class Simulator:
         return (*value[:3], value[2] + ((self._added or {}).get(function) or 0.0))
 
     def _snapshot(self) -> Snapshot:
-        return Snapshot(self._now, self.rows, self._domain, self._use_unknowns)
+        return Snapshot(self._now, self.rows, self.domain, self.use_unknowns)
 
     # -- runs -------------------------------------------------------------------------------------------------
 
@@ -179,8 +180,19 @@ class Simulator:
             events = list(self._follow(entry.run))
         yield from events
 
+    def begin(self, entry: RunningAction, at_start: Effects) -> Iterator[Event]:
+        """Let an action start now, with the effects that it has then; yields what changes."""
+        changes = list(self._changes(at_start, self._snapshot()))
+        self.running.append(entry)
+        yield from self._put_changes(changes, entry.run)
+        self._is_first = False
+        yield from self._follow()
+
     def _carry_out(self, entry: RunningAction) -> Iterator[Event]:
-        for timeline, value in list(self._end_effects(entry)):
+        yield from self._put_changes(list(self._end_effects(entry)), entry.run)
+
+    def _put_changes(self, changes: Iterable[tuple[Timeline, Value | None]], run: Run) -> Iterator[Event]:
+        for timeline, value in changes:
             row = self._standing.get(timeline.identity)
             if timeline.kind is KnowledgeType.FACT and row is not None and value == row[2]:
                 # what holds already does not change (rule C2)
@@ -188,22 +200,24 @@ class Simulator:
             if value is not None:
                 if timeline.kind is KnowledgeType.FUNCTION:
                     value = self._with_rate(timeline, value)  # noqa: PLW2901 - with what still runs
-                yield self._put(timeline, value, entry.run)
+                yield self._put(timeline, value, run)
             elif self._standing.pop(timeline.identity, None) is not None:
-                yield Event(self._now, timeline, None, entry.run)
+                yield Event(self._now, timeline, None, run)
 
     def _end_effects(self, entry: RunningAction) -> Iterator[tuple[Timeline, Value | None]]:
-        assert self._domain is not None
+        assert self.domain is not None
         run = entry.run
         world = self._snapshot()
-        action = ground(self._domain, run.operator, run.arguments, world)
+        action = ground(self.domain, run.operator, run.arguments, world)
         at_end = effects.evaluate(action, Timing.AT_END, world, duration=run.seconds, remembered=entry.remembered)
+        yield from self._changes(at_end, world)
 
+    def _changes(self, found: Effects, world: Snapshot) -> Iterator[tuple[Timeline, Value | None]]:
         def own_rate(function: Atom) -> float:
             row = self._standing.get(self._timeline(KnowledgeType.FUNCTION, function).identity)
             return 0.0 if row is None else row[2][2]
 
-        for kind, atom, value in effects.outcome(at_end, world, own_rate):
+        for kind, atom, value in effects.outcome(found, world, own_rate):
             yield self._timeline(kind, atom), value
 
     def _timeline(self, kind: KnowledgeType, atom: Atom) -> Timeline:
@@ -211,12 +225,12 @@ class Simulator:
         row = self._standing.get(Identity(Role.STATE, kind, " ".join(keys)))
         if row is not None:
             return row[0]
-        assert self._domain is not None
-        spelled = [self._domain.constant_spelling(name) or self._spelling(name) for name in keys[1:]]
+        assert self.domain is not None
+        spelled = [self.domain.constant_spelling(name) or self._spelling(name) for name in keys[1:]]
         declared = (
-            self._domain.predicate_signature(atom.name)
+            self.domain.predicate_signature(atom.name)
             if kind is KnowledgeType.FACT
-            else self._domain.function_signature(atom.name)
+            else self.domain.function_signature(atom.name)
         )
         return Timeline(0, Role.STATE, kind, " ".join(keys), " ".join((declared.name, *spelled)))
 
@@ -226,7 +240,7 @@ class Simulator:
 
     def _stop(self, entry: RunningAction) -> Iterator[Event]:
         """A run's contributions to rates end; the functions that it moved go on without them."""
-        last = rates([entry], self._snapshot()) if is_moving(entry.run.operator, self._domain) else {}
+        last = rates([entry], self._snapshot()) if is_moving(entry.run.operator, self.domain) else {}
         self.running.remove(entry)
         if self._now == entry.run.expected_end:
             for function, added in last.items():

@@ -1,6 +1,7 @@
 """Operators in a transaction: what they change, and which durative ones run (rules O1 to O3)."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from kbstore.clock import SECOND, DurationLike, isoformat
 from kbstore.errors import DivisionByZero, HistoryUnavailable, InvalidKnowledge, NotApplicable, UndefinedFunction
@@ -15,8 +16,9 @@ from kbstore.names import key
 from kbstore.pddl.printer import condition_text
 from kbstore.planning import applicability as planning
 from kbstore.planning import effects, start_conditions
-from kbstore.planning.durations import Failing, chosen_duration, failing_constraints, given_duration
+from kbstore.planning.durations import Failing, chosen_duration, failing_constraints, fixed_duration, given_duration
 from kbstore.planning.effects import Effects, NumericChange
+from kbstore.planning.foresight import Break, expected_breaks
 from kbstore.planning.grounding import GroundAction, ground
 from kbstore.planning.rates import RunningAction, is_moving, rates, value_at_end
 from kbstore.reading.state import State
@@ -71,7 +73,7 @@ class ActionExecutor:
         duration: DurationLike | None,
         force: bool,
     ) -> Run:
-        """Start a durative action; `force` overrules constraints on its duration (rule O7)."""
+        """Start a durative action; `force` overrules constraints on its duration and expected breaks (O6, O7)."""
         action = _grounded(state, operator, arguments)
         if not action.action.durative:
             raise NotApplicable(f"{action} takes no time; apply() does the whole of it")
@@ -90,18 +92,22 @@ class ActionExecutor:
                 for timing in (Timing.OVER_ALL, Timing.AT_END)
             )
         )
-        self._carry_out(handlers, at_start, state.snapshot)
-        self.last_run += 1
         run = Run(
             action.action.name,
             tuple(canonical_term(handlers.resolver, name) for name in action.arguments),
             self._change_set.now,
             length.nanoseconds,
-            self.last_run,
+            self.last_run + 1,
             None if seconds == length.nanoseconds / SECOND else seconds,
-            tuple(condition_text(condition) for condition, _ in forced),
         )
+        breaks = expected_breaks(action, RunningAction(run, remembered), at_start, state.projection())
+        if breaks and not force:
+            raise NotApplicable(_refusal(action, _foreseen(breaks)))
+        overruled = [*(condition for condition, _ in forced), *(condition for condition, _, _ in breaks)]
+        run = replace(run, forced=tuple(map(condition_text, overruled)))
         entry = RunningAction(run, remembered)
+        self._carry_out(handlers, at_start, state.snapshot)
+        self.last_run += 1
         if is_moving(run.operator, state.domain):
             # what is not linear is refused here
             after = effects.StateAfter(world, at_start)
@@ -234,13 +240,28 @@ def applicability(
     state: State, operator: str, arguments: Sequence[str], duration: DurationLike | None = None
 ) -> Applicability:
     """Whether an operator can be applied to a state, and the conditions that fail, each with since when (rule O1)."""
-    action = _grounded(state, operator, arguments)
+    action, world = _grounded(state, operator, arguments), state.snapshot
     if duration is None:
-        return _explained(state, planning.unsatisfied(action, state.snapshot))
-    if not action.action.durative:
+        failing = planning.unsatisfied(action, world)
+        length = None if failing or not action.action.durative else fixed_duration(action, world)
+    elif not action.action.durative:
         raise InvalidKnowledge(f"{action} takes no time; ask for it without a duration")
-    length = chosen_duration(action, state.snapshot, given_duration(duration))
-    return _explained(state, planning.unsatisfied(action, state.snapshot, duration=length.seconds))
+    else:
+        length = chosen_duration(action, world, given_duration(duration))
+        failing = planning.unsatisfied(action, world, duration=length.seconds)
+    if failing or length is None:
+        return _explained(state, failing)
+    seconds = length.seconds
+    remembered = start_conditions.remembered(action, Timing.OVER_ALL, world, duration=seconds)
+    at_start = effects.evaluate(action, Timing.AT_START, world, duration=seconds)
+    run = Run(action.action.name, action.arguments, state.at, length.nanoseconds, 0, seconds)
+    return Applicability(
+        _foreseen(expected_breaks(action, RunningAction(run, remembered), at_start, state.projection()))
+    )
+
+
+def _foreseen(breaks: Sequence[Break]) -> list[FailingCondition]:
+    return [FailingCondition(condition_text(condition), since, truth) for condition, truth, since in breaks]
 
 
 def _at_start(state: State, action: GroundAction, *, duration: float | None = None, force: bool = False) -> Effects:
@@ -285,5 +306,9 @@ def _grounded(state: State, operator: str, arguments: Sequence[str]) -> GroundAc
 def _refuse(state: State, action: GroundAction, failing: Sequence[Failing]) -> None:
     """Raise `NotApplicable`, with each condition that fails and since when, if there are any."""
     if failing:
-        reasons = "\n".join(f"  - {condition}" for condition in _explained(state, failing).failing)
-        raise NotApplicable(f"{action} is not applicable:\n{reasons}")
+        raise NotApplicable(_refusal(action, _explained(state, failing).failing))
+
+
+def _refusal(action: GroundAction, failing: Sequence[FailingCondition]) -> str:
+    reasons = "\n".join(f"  - {condition}" for condition in failing)
+    return f"{action} is not applicable:\n{reasons}"

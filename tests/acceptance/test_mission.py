@@ -49,7 +49,7 @@ PLAN = """
   50  start drive ridge base
   56  abort drive
   57  found at ridge
-  60  start sun 20
+  60  force sun 20
   72  abort sun
 """
 
@@ -149,6 +149,11 @@ class Replay:
                 self.kb.start("drive", origin, target)
             case "start", operator, lasts:
                 self.kb.start(operator, duration=seconds(lasts))
+            case "force", operator, lasts:
+                # it will be night before its end (O6)
+                with pytest.raises(NotApplicable, match=r"\(day\) is false since 1970-01-01T00:17:50Z"):
+                    self.kb.start(operator, duration=seconds(lasts))
+                assert self.kb.start(operator, duration=seconds(lasts), force=True).forced == ("(day)",)
             case "end", operator:
                 assert self.kb.end(self._running(operator))
             case "abort", operator:
@@ -206,11 +211,14 @@ def test_each_expectation_is_that_of_the_table(replay):
 
 
 def test_an_over_all_condition_that_breaks_is_found_by_asking(replay):
-    """O1, O3, Q4: the panel ran on for two seconds into the night, and cannot be started again in it."""
+    """O1, O6, Q4: the panel ran on for two seconds into the night, and cannot be started again in it."""
     replay.until(75)
     kb = replay.kb
     (run,) = kb.state(at=BEGIN + seconds(71)).running
     assert kb.when("(not (day))", run.started, BEGIN + seconds(72)) == [(BEGIN + seconds(70), BEGIN + seconds(72))]
+    assert [(b.condition, b.since, b.until) for b in kb.broken(run)] == [
+        ("(day)", BEGIN + seconds(70), BEGIN + seconds(72))
+    ]
     with pytest.raises(NotApplicable, match=r"\(day\) is false since 1970-01-01T00:17:50Z"):
         kb.start("sun", duration=seconds(5))
 

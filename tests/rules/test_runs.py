@@ -17,6 +17,9 @@ PLANT = """
     :effect (and (at start (ready ?p)) (at end (not (ready ?p)))))
   (:durative-action drain :parameters (?p - pump) :duration (= ?duration 10)
     :condition (over all (>= (level) (limit))) :effect (decrease (level) (* #t 2)))
+  (:durative-action lean :parameters (?p - pump) :duration (= ?duration 8) :condition (over all (ready ?p)))
+  (:durative-action loose :parameters (?p - pump) :duration (<= ?duration 10)
+    :condition (over all (>= (level) (limit))))
   (:durative-action timed :parameters (?p - pump) :duration (<= ?duration 10)
     :condition (over all (>= (level) ?duration)))
   (:durative-action free :parameters (?p - pump) :duration (= ?duration 0)))
@@ -119,6 +122,58 @@ def test_what_is_not_a_run_is_refused(plant, wrong):
     """O6: a typed error says what to give."""
     with pytest.raises(kbstore.InvalidKnowledge, match="is not a run"):
         plant.broken(wrong)
+
+
+# -- O6: what is expected -----------------------------------------------------------------------------------------
+
+
+def test_an_invariant_that_a_schedule_will_break_is_foreseen(plant, clock):
+    """O6: the action is not applicable, and the condition is named with its time; force starts it all the same."""
+    plant.add("(fault)", initial_time=START + seconds(4))
+    (failing,) = plant.applicable("go", "p").failing
+    assert (failing.condition, failing.truth, failing.since) == ("(not (fault))", Truth.FALSE, START + seconds(4))
+    with pytest.raises(kbstore.NotApplicable, match=r"\(not \(fault\)\) is false since .*16:44Z"):
+        plant.start("go", "p")
+    assert plant.state().running == []
+    run = plant.start("go", "p", force=True)
+    assert run.forced == ("(not (fault))",)
+    at(clock, 10)
+    assert spans(plant.end(run).broken) == [("(not (fault))", Truth.FALSE, 4, 10)]
+
+
+@pytest.mark.parametrize(("t", "breaks"), [(9, True), (10, False)])
+def test_what_comes_at_the_expected_end_is_not_looked_at(plant, t, breaks):
+    """O6: invariants are watched in `[started, ended)`."""
+    plant.add("(fault)", initial_time=START + seconds(t))
+    assert bool(plant.applicable("go", "p")) is not breaks
+
+
+def test_an_action_may_break_its_own_invariant_by_what_it_moves(plant, clock):
+    """O6: to the nanosecond; the level is 30, falls by 2 a second, and has to stay at 14."""
+    plant.add("(= (limit) 14)")
+    (failing,) = plant.applicable("drain", "p").failing
+    assert (failing.condition, failing.since) == ("(>= (level) (limit))", START + seconds(8) + 1)
+    plant.add("(= (limit) 10)")
+    assert plant.applicable("drain", "p")
+
+
+def test_expected_ends_of_others_count(plant, clock):
+    """O6: the end of another run takes away what this one needs, or gives back what it needs in time."""
+    plant.start("go", "q")
+    at(clock, 5)
+    # q is not ready any more from 10 on
+    (failing,) = plant.applicable("lean", "q").failing
+    assert (failing.condition, failing.since) == ("(ready q)", START + seconds(10))
+    at(clock, 11)
+    assert plant.applicable("lean", "q").failing == []  # it is late, and expected to run on
+
+
+def test_without_a_duration_the_start_alone_is_checked(plant, clock):
+    """O6: where none is given or fixed."""
+    plant.add("(= (level) 1)", initial_time=START + seconds(2))
+    assert plant.applicable("loose", "p")
+    assert not plant.applicable("loose", "p", duration=seconds(5))
+    assert plant.applicable("loose", "p", duration=seconds(2))
 
 
 # -- Q8 -----------------------------------------------------------------------------------------------------------
