@@ -9,8 +9,10 @@ import threading
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from copy import copy
+from time import monotonic
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Literal, Self, cast, overload
+from weakref import WeakSet
 
 from kbstore.clock import Clock, DurationLike, ManualClock, SystemClock, TimeLike, isoformat, time
 from kbstore.conversion import MessageDomain
@@ -48,15 +50,17 @@ from kbstore.names import key
 from kbstore.pddl.strict_names import StrictPddl, strict_domain, strict_problem
 from kbstore.pddl.writer import write_domain
 from kbstore.reading.answers import Answers
+from kbstore.reading.condition_watch import ConditionWatch, TruthChange
 from kbstore.reading.difference import difference
 from kbstore.reading.explanation import Explainer
 from kbstore.reading.history import History
 from kbstore.reading.questions import Knowledge, Question
 from kbstore.reading.reader import Reader
 from kbstore.reading.runs import Runs
+from kbstore.reading.sampling import Sample, sampled
 from kbstore.reading.state import State
 from kbstore.reading.trajectory import when_true
-from kbstore.reading.watching import Watch
+from kbstore.reading.watching import ChangeWatch, Found, Watch
 from kbstore.storage import directory
 from kbstore.storage.database import Database
 from kbstore.storage.repository import TimelineCache
@@ -119,6 +123,7 @@ class KnowledgeBase:
         self._explainer = Explainer(self._reader, self._history)
         self._answers = Answers(self._reader, self._clock, caching=cache)
         self._writing = threading.local()
+        self._watches: WeakSet[Watch[Any]] = WeakSet()
         self._tolerance = tolerance
 
     def _find_or_create(self, use_unknowns: bool | None) -> tuple[int, bool]:
@@ -140,7 +145,9 @@ class KnowledgeBase:
         self.close()
 
     def close(self) -> None:
-        """Close the connections to the store; what is asked afterwards is `StoreUnavailable`."""
+        """Close the connections to the store, and end what watches; what is asked afterwards is `StoreUnavailable`."""
+        for watch in list(self._watches):
+            watch.close()
         self._database.close()
 
     def now(self) -> int:
@@ -540,16 +547,78 @@ class KnowledgeBase:
         *,
         poll: float = 0.05,
         timeout: float | None = None,
-    ) -> Iterator[Change]:
-        """The same as it happens, waiting, with what takes effect by the clock alone.
+    ) -> Watch[Change]:
+        """The same as it happens, waiting, with what takes effect by the clock alone (rule Q6).
 
         Args:
             pattern: only changes with an assertion that matches it, and only those assertions.
             after: a `Change`, or the number of a transaction, after which to go on; None: after the latest.
             poll: seconds between two looks at the store.
-            timeout: seconds without a change after which the iterator ends; None: never.
+            timeout: seconds to wait for the next such change, after which the iterator ends; None: for ever.
+
+        Returns:
+            An iterator. Its `close`, which any thread may call, ends it quietly; so does `close` of this object.
+
+        Raises:
+            UnknownSymbol: the domain does not know what the pattern names.
+            InvalidKnowledge: nothing can match the pattern.
         """
-        return Watch(self._reader, self._history, pattern, poll=poll, timeout=timeout).changes(after)
+        return self._watched(ChangeWatch(self._reader, self._history, pattern, after, poll=poll, timeout=timeout))
+
+    def watch_condition(
+        self, condition: Question, *, poll: float = 0.05, timeout: float | None = None
+    ) -> Watch[TruthChange]:
+        """The truth of a condition now, and each change of it as it happens (rule Q9).
+
+        Args:
+            condition: whatever `holds` takes.
+            poll: seconds between two looks at the store.
+            timeout: seconds to wait for the next change, after which the iterator ends; None: for ever.
+
+        Returns:
+            An iterator of a time, the truth from then on, and the transaction that made it so: None for the first, and
+            where it was the clock alone (a schedule, the end of an object, a number that moves). It is closed as
+            `watch` says.
+
+        Raises:
+            UnknownSymbol, InvalidKnowledge: at the call for a condition that cannot be asked; later, as `NotLinear`
+                and other errors of `when`, where it cannot be answered any more.
+        """
+        return self._watched(ConditionWatch(self._reader, self._history, condition, poll=poll, timeout=timeout))
+
+    def wait_for(self, condition: Question, timeout: float | None = None, *, poll: float = 0.05) -> int | None:
+        """Wait until a condition is true (rule Q9).
+
+        Args:
+            condition: whatever `holds` takes.
+            timeout: seconds to wait at most; None: for ever.
+            poll: seconds between two looks at the store.
+
+        Returns:
+            The first time from now on at which it is true; None after the timeout, and where `close` ends the waiting.
+
+        Raises:
+            What `watch_condition` raises.
+        """
+        deadline = None if timeout is None else monotonic() + timeout
+        watch = ConditionWatch(self._reader, self._history, condition, poll=poll, deadline=deadline)
+        return next((t for t, truth, _ in self._watched(watch) if truth is Truth.TRUE), None)
+
+    def sample(self, expression: Question, since: TimeLike, until: TimeLike, step: DurationLike) -> list[Sample]:
+        """The value of a numeric function or expression at `since`, and at each `step` from there on before `until`.
+
+        Returns:
+            Pairs of a time and the value then; None where it has none.
+
+        Raises:
+            InvalidTime: `until` is before `since`, or the step is 0.
+        """
+        with self._reader.repository() as repository:
+            return sampled(self._reader, repository, expression, since, until, step)
+
+    def _watched(self, watch: Watch[Found]) -> Watch[Found]:
+        self._watches.add(watch)
+        return watch
 
     # -- operators --------------------------------------------------------------------------------------------
 

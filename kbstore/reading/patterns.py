@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 from kbstore.errors import InvalidKnowledge
 from kbstore.evaluation.snapshot import is_of
+from kbstore.evaluation.wellformed import check
 from kbstore.messages import Condition, Expression, Fact, Function, Inequality, Instance, KnowledgeItem, KnowledgeType
 from kbstore.model.symbols import SymbolTable
 from kbstore.model.timelines import METRIC_KEY, Role, Timeline, atom_key
@@ -37,7 +38,8 @@ class Pattern:
     def timelines(self, repository: Repository) -> list[Timeline]:
         """Return the timelines of the state on which what matches has ever been asserted.
 
-        Raises `InvalidKnowledge` for a pattern without a predicate or function, or with a derived one.
+        Raises `InvalidKnowledge` for a pattern without a predicate or function, with a derived one, or with ``?`` in a
+        comparison.
         """
         match self._item:
             case Fact() | Function():
@@ -49,7 +51,9 @@ class Pattern:
                     return repository.of_kind(Role.STATE, self.kind)
                 name = self._keys[0]
             case Inequality() as item:
-                name = key(condition_text(condition_of(item.changed(is_negative=False), self._symbols.domain)))
+                comparison = condition_of(item.changed(is_negative=False), self._symbols.domain)
+                check(comparison, self._symbols.domain)
+                name = key(condition_text(comparison))
             case Expression():
                 name = METRIC_KEY
         return list(repository.find(Role.STATE, self.kind, [name]).values())

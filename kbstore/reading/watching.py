@@ -1,9 +1,14 @@
 """Following a knowledge base: each transaction, and what takes effect by the clock alone, as it happens (rule Q6)."""
 
+import threading
 import time as _time
+from abc import abstractmethod
+from collections import deque
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import Generic, Self, TypeVar
 
+from kbstore.errors import InvalidKnowledge, StoreUnavailable
 from kbstore.model.results import Assertion, Change, Transaction
 from kbstore.model.symbols import SymbolTable
 from kbstore.reading.history import History
@@ -13,40 +18,104 @@ from kbstore.reading.reader import Reader
 from kbstore.storage.records import LogPosition
 from kbstore.storage.repository import Repository
 
+Found = TypeVar("Found")
 
-class Watch:
-    """Follows one knowledge base from a change on; misses nothing, and repeats nothing."""
+
+class Watch(Iterator[Found], Generic[Found]):
+    """An iterator that waits for what happens; `close`, which any thread may call, ends it quietly.
+
+    `timeout` is how many seconds it waits for the next thing, `deadline` a time of `time.monotonic` at which it ends in
+    any case; what is there already comes first.
+    """
+
+    def __init__(self, *, poll: float, timeout: float | None, deadline: float | None = None) -> None:
+        self._poll = poll
+        self._timeout = timeout
+        self._deadline = deadline
+        self._found: deque[Found] = deque()
+        self._closed = threading.Event()
+
+    @abstractmethod
+    def _look(self) -> bool:
+        """Append to `_found` what there is by now, or a part of it; whether that is all."""
+
+    def close(self) -> None:
+        """End the iteration, also in another thread that is waiting for the next thing."""
+        self._closed.set()
+
+    def __iter__(self) -> Self:
+        return self
+
+    def __next__(self) -> Found:
+        begin = _time.monotonic()
+        expired = False
+        while not self._closed.is_set():
+            if self._found:
+                return self._found.popleft()
+            if expired:
+                break
+            try:
+                is_all = self._look()
+            except StoreUnavailable:
+                if self._closed.is_set():
+                    break
+                raise
+            expired = is_all and self._has_expired(begin)
+            if is_all and not expired and not self._found:
+                self._closed.wait(self._poll)
+        self._closed.set()
+        raise StopIteration
+
+    def _has_expired(self, begin: float) -> bool:
+        now = _time.monotonic()
+        if self._deadline is not None and now >= self._deadline:
+            return True
+        return self._timeout is not None and now - begin >= self._timeout
+
+
+class ChangeWatch(Watch[Change]):
+    """Follows one knowledge base from a change on, or from now; misses nothing, and repeats nothing (rule Q6).
+
+    Raises `InvalidKnowledge` or `UnknownSymbol` for a pattern that nothing can match.
+    """
 
     def __init__(
-        self, reader: Reader, history: History, pattern: Knowledge | None, *, poll: float, timeout: float | None
+        self,
+        reader: Reader,
+        history: History,
+        pattern: Knowledge | None,
+        after: int | Change | None,
+        *,
+        poll: float,
+        timeout: float | None,
     ) -> None:
+        super().__init__(poll=poll, timeout=timeout)
         self._reader = reader
         self._history = history
         self._pattern = pattern
-        self._poll = poll
-        self._timeout = timeout
+        if pattern is not None:
+            with reader.repository() as repository:
+                try:
+                    Pattern(pattern, self._symbols(repository)).timelines(repository)
+                except InvalidKnowledge as error:
+                    raise InvalidKnowledge(*error.violations, "watch_condition() follows a condition") from None
+        self._last, self._seen = self._begin(after)
+        self._head = self._last.number
 
-    def changes(self, after: int | Change | None) -> Iterator[Change]:
-        """The changes after one, waiting for more; of none, after the latest at the time of this call."""
-        return self._follow(*self._begin(after))
-
-    def _follow(self, last: Transaction, seen: int) -> Iterator[Change]:
-        quiet_since = _time.monotonic()
-        while True:
+    def _look(self) -> bool:
+        # what is recorded from now on may wait for the next look, so that a busy writer does not keep this one for ever
+        if self._last.number >= self._head:
             with self._reader.repository() as repository:
-                found, seen = self._next(repository, last, seen)
-                symbol_table = self._symbols(repository)
-            for change in found:
-                last = change.transaction
-                wanted = change if self._pattern is None else _matching(change, self._pattern, symbol_table)
-                if wanted is not None:
-                    yield wanted
-            if found:
-                quiet_since = _time.monotonic()
-                continue
-            if self._timeout is not None and _time.monotonic() - quiet_since >= self._timeout:
-                return
-            _time.sleep(self._poll)
+                self._head = repository.head().number
+        with self._reader.repository() as repository:
+            changes, self._seen = self._next(repository, self._last, self._seen)
+            symbol_table = self._symbols(repository)
+        for change in changes:
+            self._last = change.transaction
+            wanted = change if self._pattern is None else _matching(change, self._pattern, symbol_table)
+            if wanted is not None:
+                self._found.append(wanted)
+        return self._last.number >= self._head
 
     def _begin(self, after: int | Change | None) -> tuple[Transaction, int]:
         """The last transaction that was seen, and the time up to which the clock's doings were."""

@@ -1,0 +1,115 @@
+"""Following a condition: its truth now, and each change of it as it happens (rule Q9)."""
+
+from collections.abc import Iterator, Sequence
+
+from kbstore.evaluation.evaluator import Evaluation
+from kbstore.messages import Truth
+from kbstore.model.formulas import Formula, Not
+from kbstore.model.results import Transaction
+from kbstore.reading.history import History
+from kbstore.reading.questions import Question
+from kbstore.reading.reader import Reader
+from kbstore.reading.resolver import TemporalPoint
+from kbstore.reading.trajectory import when_true
+from kbstore.reading.watching import Watch
+from kbstore.storage.records import LogPosition
+from kbstore.storage.repository import Repository
+
+TruthChange = tuple[int, Truth, Transaction | None]
+"""A time, the truth from then on, and the transaction that made it so; None: the clock alone."""
+
+Piece = tuple[int, Truth]
+
+
+class ConditionWatch(Watch[TruthChange]):
+    """Follows one condition from now on.
+
+    Raises what asking for its truth raises; later also where it cannot be answered any more.
+    """
+
+    def __init__(
+        self,
+        reader: Reader,
+        history: History,
+        condition: Question,
+        *,
+        poll: float,
+        timeout: float | None = None,
+        deadline: float | None = None,
+    ) -> None:
+        super().__init__(poll=poll, timeout=timeout, deadline=deadline)
+        self._reader = reader
+        self._history = history
+        self._condition = condition
+        with reader.repository() as repository:
+            now = reader.resolver.resolve(repository)
+            self._formula = self._as_formula(repository, now)
+            self._number = now.head.number
+            self._seen = now.valid_time
+            self._truth = self._pieces(repository, self._seen, self._seen + 1)[0][1]
+        self._found.append((self._seen, self._truth, None))
+
+    def _look(self) -> bool:
+        with self._reader.repository() as repository:
+            now = self._reader.resolver.resolve(repository)
+            time, number = now.valid_time, now.head.number
+            if time != self._seen or number != self._number:
+                self._formula = self._as_formula(repository, now)
+                pieces = self._pieces(repository, self._seen, time + 1)
+                numbers = range(self._number + 1, number + 1)
+                new = self._history.transactions(repository, numbers) if numbers else {}
+                self._found.extend(self._changes(repository, pieces, [new[number] for number in numbers]))
+                self._seen, self._number, self._truth = time, number, pieces[-1][1]
+        return True
+
+    def _as_formula(self, repository: Repository, now: TemporalPoint) -> Formula:
+        """The condition, as the domain reads it that is in force; another version may not know it."""
+        symbols = self._reader.symbols_at(repository, now)
+        return self._reader.questions.condition(self._condition, symbols).formula
+
+    def _changes(
+        self, repository: Repository, pieces: Sequence[Piece], new: Sequence[Transaction]
+    ) -> Iterator[TruthChange]:
+        """The changes of the truth within pieces that begin where the last look ended."""
+        truth = self._truth
+        if pieces[0][1] is not truth:
+            # of that time itself, or learned later about a time before
+            cause = self._cause(repository, self._seen, pieces[0][1], new)
+            cause = cause or (new[-1] if new else None)
+            time = self._seen if cause is None else max(cause.time, self._seen)
+            before = [piece for piece in pieces if piece[0] <= time]
+            pieces = [(time, before[-1][1]), *pieces[len(before) :]]
+            if pieces[0][1] is not truth:
+                truth = pieces[0][1]
+                yield time, truth, cause
+        for time, value in pieces[1:]:
+            if value is not truth:
+                truth = value
+                yield time, value, self._cause(repository, time, value, [tx for tx in new if tx.time == time])
+
+    def _cause(
+        self, repository: Repository, time: int, truth: Truth, transactions: Sequence[Transaction]
+    ) -> Transaction | None:
+        """The last of some transactions before which something else was believed of a time; None if there is none."""
+        for transaction in reversed(transactions):
+            if transaction.time != time:
+                return transaction
+            before = repository.after_transaction(transaction.number - 1, time)
+            if self._truth_as_of(repository, before) is not truth:
+                return transaction
+        return None
+
+    def _truth_as_of(self, repository: Repository, position: LogPosition) -> Truth:
+        point = self._reader.resolver.at_position(repository.head(), position)
+        state = self._reader.state(repository, point)
+        return Evaluation(state.snapshot).truth(self._formula)
+
+    def _pieces(self, repository: Repository, since: int, until: int) -> list[Piece]:
+        """The truth throughout a span: each time at which it changes, and the truth from then on."""
+        found: dict[int, Truth] = {since: Truth.UNKNOWN}
+        for formula, truth in ((self._formula, Truth.TRUE), (Not(self._formula), Truth.FALSE)):
+            for start, end in when_true(self._reader, repository, formula, since, until):
+                found[start] = truth
+                if end < until:
+                    found.setdefault(end, Truth.UNKNOWN)
+        return sorted(found.items())
