@@ -1,0 +1,237 @@
+"""kbstore beside a service's own tables, models and migrations."""
+
+from datetime import UTC, datetime
+
+import pytest
+import sqlalchemy as sa
+from alembic import command
+from alembic.util import CommandError
+from sqlalchemy.orm import Session
+
+import kbstore
+from kbstore import sql
+from kbstore.clock import ManualClock, seconds
+from tests.service.conftest import DOMAIN, alembic
+from tests.service.models import Order, Parcel
+
+
+def views(engine):
+    return sorted(sa.inspect(engine).get_view_names())
+
+
+def test_autogenerate_proposes_nothing_of_kbstore(kb, service):
+    """The service's own `alembic check` finds no difference in a database that has kbstore's tables and views."""
+    alembic(service, command.check)
+
+
+def test_autogenerate_still_sees_what_is_the_services_own(kb, service):
+    """`include_name` leaves out kbstore's tables only: a table that the models do not know is found."""
+    with service.begin() as connection:
+        connection.execute(sa.text("CREATE TABLE forgotten (id INTEGER PRIMARY KEY)"))
+    with pytest.raises(CommandError, match="forgotten"):
+        alembic(service, command.check)
+
+
+def test_the_services_migrations_run_after_kbstore_has_made_its_tables(engine):
+    """The order does not matter: kbstore's tables first, then those of the service, and a store that still opens."""
+    with kbstore.open(engine, "post") as kb:
+        kb.load(DOMAIN)
+    alembic(engine, lambda config: command.upgrade(config, "head"))
+    with kbstore.open(engine, "post") as kb:
+        assert kb.domain.name == "post"
+
+
+def test_each_view_has_a_table_with_its_columns(kb, service):
+    """`kbstore.sql` names each view of the store, with its columns in their order."""
+    inspector = sa.inspect(service)
+    for name in views(service):
+        assert [column.name for column in getattr(sql, name).columns] == [
+            column["name"] for column in inspector.get_columns(name)
+        ]
+    declared = {name for name in sql.__all__ if isinstance(getattr(sql, name), sa.Table)}
+    assert declared == {*views(service), *sql.metadata.tables}
+
+
+def test_a_value_of_each_column_of_each_view_and_table_can_be_read(kb, service):
+    """The declared types read what the database gives, in all columns."""
+    with service.connect() as connection:
+        for name in sql.__all__:
+            if isinstance(getattr(sql, name), sa.Table):
+                connection.execute(sa.select(getattr(sql, name))).all()
+
+
+def test_a_table_of_the_service_is_joined_with_facts(kb, service):
+    """An argument of a fact is joined with a column of the service's own: from a view, and from the tables."""
+    with Session(service) as session, session.begin():
+        session.add_all([Parcel(name="p1", weight=2.5), Parcel(name="p2", weight=7.0)])
+    held = sql.current_facts
+    from_view = (
+        sa.select(Parcel.name, Parcel.weight, sql.argument(held, 2))
+        .join(held, sql.argument(held, 1) == Parcel.name)
+        .where(held.c.name == "parcel_at")
+        .order_by(Parcel.name)
+    )
+    from_tables = (
+        sa.select(Parcel.name, Parcel.weight, sql.argument(sql.timelines, 2))
+        .join(sql.timelines, sql.argument(sql.timelines, 1) == Parcel.name)
+        .join(
+            sql.facts,
+            (sql.facts.c.kb_id == sql.timelines.c.kb_id) & (sql.facts.c.timeline_id == sql.timelines.c.id),
+        )
+        .where(sql.facts.c.end_time.is_(None))
+        .order_by(Parcel.name)
+    )
+    with service.connect() as connection:
+        expected = [("p1", 2.5, "hall"), ("p2", 7.0, "attic")]
+        assert connection.execute(from_view).all() == expected
+        assert connection.execute(from_tables).all() == expected
+
+
+def test_an_argument_that_is_not_there_is_null(kb, service):
+    """A fact of one argument has no second."""
+    held = sql.current_functions
+    with service.connect() as connection:
+        row = connection.execute(sa.select(sql.argument(held, 1), sql.argument(held, 2))).one()
+    assert row == ("kenny", None)
+
+
+def test_times_are_nanoseconds_or_datetimes_and_open_ends_are_none(kb, service):
+    """A column of time reads as an int, or by `as_datetime`; what is open as None; and both are compared with times."""
+    kb.remove("(parcel_at p2 attic)", "(robot_at kenny hall)")
+    begins, ends = sql.facts.c.initial_time, sql.facts.c.end_time
+    with service.connect() as connection:
+        rows = connection.execute(
+            sa.select(begins, sql.as_datetime(begins), ends, sql.as_datetime(ends)).order_by(ends)
+        )
+        assert rows.all()[-1] == (seconds(1000), datetime(1970, 1, 1, 0, 16, 40, tzinfo=UTC), None, None)
+        for moment in (seconds(1000), datetime(1970, 1, 1, 0, 16, 40, tzinfo=UTC), "1970-01-01T00:16:40Z"):
+            assert connection.execute(sa.select(sa.func.count()).where(begins == moment)).scalar() == 3
+        for condition, count in ((ends == None, 1), (ends.is_(None), 1), (ends != None, 2), (ends.is_not(None), 2)):  # noqa: E711
+            assert connection.execute(sa.select(sa.func.count()).where(condition)).scalar() == count
+
+
+# -- one transaction over both --------------------------------------------------------------------------------
+
+
+def begun(service):
+    """A transaction of the service that writes, which on SQLite is said in words."""
+    connection = service.connect()
+    if service.dialect.name == "sqlite":
+        connection.exec_driver_sql("BEGIN IMMEDIATE")
+    return connection
+
+
+def add_in(kb, connection, *items):
+    """Add each item by a call of its own, in one block on the service's connection."""
+    with kb.transaction(connection=connection) as tx:
+        for item in items:
+            tx.add(item)
+
+
+def test_a_row_and_a_fact_are_committed_together(kb, service):
+    """The service's own row and what the knowledge base is told are one transaction of the database."""
+    with begun(service) as connection:
+        connection.execute(sa.insert(Parcel).values(name="p1", weight=2.5))
+        connection.execute(sa.insert(Order).values(parcel="p1", place="attic"))
+        with kb.transaction(connection=connection, client="orders") as tx:
+            tx.add_goal("(parcel_at p1 attic)")
+        assert kb.goals() == []
+        connection.commit()
+    assert [str(goal) for goal in kb.goals()] == ["(parcel_at p1 attic)"]
+    with service.connect() as connection:
+        assert connection.execute(sa.select(Order.place)).scalar() == "attic"
+
+
+def test_a_row_and_a_fact_are_rolled_back_together(kb, service):
+    """What the caller rolls back is as if it had never been, on both sides; the next transaction takes its number."""
+    before = kb.state().facts
+    number = kb.add("(= (battery kenny) 70)").number
+    with begun(service) as connection:
+        connection.execute(sa.insert(Parcel).values(name="p1", weight=2.5))
+        with kb.transaction(connection=connection) as tx:
+            tx.remove("(parcel_at p1 hall)")
+        connection.rollback()
+    assert kb.state().facts == before
+    assert kb.holds("(parcel_at p1 hall)")
+    with service.connect() as connection:
+        assert connection.execute(sa.select(sa.func.count()).select_from(Parcel)).scalar() == 0
+    assert kb.remove("(parcel_at p1 hall)").number == number + 1
+
+
+def test_what_is_refused_leaves_the_callers_transaction_usable(kb, service):
+    """An exception in the block takes back what the block wrote, and nothing else."""
+    with begun(service) as connection:
+        connection.execute(sa.insert(Parcel).values(name="p1", weight=2.5))
+        with pytest.raises(kbstore.InvalidKnowledge):
+            add_in(kb, connection, "(parcel_at p1 attic)", "(parcel_at p1 kenny)")
+        connection.execute(sa.insert(Parcel).values(name="p2", weight=7.0))
+        connection.commit()
+    assert not kb.holds("(parcel_at p1 attic)")
+    with service.connect() as connection:
+        assert connection.execute(sa.select(sa.func.count()).select_from(Parcel)).scalar() == 2
+
+
+def test_a_connection_that_writes_nothing_yet_is_refused_on_sqlite(tmp_path):
+    """On SQLite the caller has begun a writing transaction, or the error says how."""
+    engine = sa.create_engine(f"sqlite:///{tmp_path / 'one.db'}")
+    with (
+        kbstore.open(engine, "post", clock=ManualClock(seconds(1))) as kb,
+        engine.connect() as connection,
+        pytest.raises(kbstore.KbStoreError, match="BEGIN IMMEDIATE"),
+    ):
+        add_in(kb, connection, "p1 - parcel")
+    engine.dispose()
+
+
+# -- FastAPI --------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def client(kb):
+    """A client of the service's web interface."""
+    testclient = pytest.importorskip("fastapi.testclient", reason="FastAPI is not installed: pip install '.[dev]'")
+    from tests.service.app import make_app
+
+    with testclient.TestClient(make_app(kb)) as made:
+        yield made
+
+
+def test_an_item_is_a_body_and_a_transaction_the_answer(client):
+    """A KnowledgeItem as the body of a request; the result as the response, by its type."""
+    body = {
+        "knowledge_type": 1,
+        "attribute_name": "parcel_at",
+        "values": [{"key": "p", "value": "p1"}, {"key": "w", "value": "attic"}],
+    }
+    answer = client.post("/knowledge", json=body)
+    assert answer.status_code == 200
+    assert answer.json()["changes"] == 1
+    facts = client.get("/facts", params={"name": "parcel_at"}).json()
+    assert sorted(" ".join(value["value"] for value in fact["values"]) for fact in facts) == [
+        "p1 attic",
+        "p1 hall",
+        "p2 attic",
+    ]
+
+
+def test_one_wrong_field_is_one_error_at_its_place(client):
+    """A body is discriminated by `knowledge_type`: what is wrong is said once, with where it is."""
+    answer = client.post("/knowledge", json={"knowledge_type": 1, "attribute_name": 5})
+    assert answer.status_code == 422
+    (error,) = answer.json()["detail"]
+    assert error["loc"][-1] == "attribute_name"
+
+
+def test_history_and_state_are_responses(client):
+    """Assertions by their type, and a state as plain data."""
+    (assertion,) = client.get("/history", params={"pattern": "(parcel_at p1 ?)"}).json()
+    assert assertion["item"]["attribute_name"] == "parcel_at"
+    assert assertion["initial_time"] == seconds(1000)
+    assert assertion["end_time"] is None
+    assert client.get("/state").json()["at"] is not None
+
+
+def test_openapi_names_the_discriminator(client):
+    """The interface's description tells the kinds of items apart by their `knowledge_type`."""
+    body = client.get("/openapi.json").json()["paths"]["/knowledge"]["post"]["requestBody"]
+    assert body["content"]["application/json"]["schema"]["discriminator"]["propertyName"] == "knowledge_type"
