@@ -54,6 +54,7 @@ from kbstore.reading.condition_watch import ConditionWatch, TruthChange
 from kbstore.reading.difference import difference
 from kbstore.reading.explanation import Explainer
 from kbstore.reading.history import History
+from kbstore.reading.query import bindings
 from kbstore.reading.questions import Knowledge, Question
 from kbstore.reading.reader import Reader
 from kbstore.reading.runs import Runs
@@ -375,6 +376,24 @@ class KnowledgeBase:
         Raises `UndefinedFunction` or `DivisionByZero` where it has none.
         """
         return self._answers.value(question, at, as_of)
+
+    def find(self, condition: Question, at: TimeLike | None = None, as_of: AsOf | None = None) -> list[dict[str, str]]:
+        """Find the objects for a condition's free variables for which it is true at a time (rule V11).
+
+        Variables of one name are the same object: ``(and (robot_at ?r ?w) (> (battery ?r) 20))``. A variable that is
+        not an argument of something true needs a type where it first occurs: ``(not (visited ?w - waypoint))``.
+
+        Returns:
+            One dict for each answer, from variables (without their question mark) to objects, in the order of the
+            objects; without free variables one empty dict, or none.
+
+        Raises:
+            InvalidKnowledge: a variable needs a type, or the question cannot be meant (rule V10).
+        """
+        with self._reader.repository() as repository:
+            point = self._reader.resolver.resolve(repository, at, as_of)
+            symbols = self._reader.symbols_at(repository, point)
+            return bindings(condition, symbols, self._reader.world(repository, point, symbols.domain))
 
     def explain(self, question: Question, at: TimeLike | None = None, as_of: AsOf | None = None) -> Explanation:
         """Why a fact or condition is true, false or unknown at a time, and the transaction that made it so."""

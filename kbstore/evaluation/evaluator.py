@@ -123,6 +123,10 @@ class Evaluation:
             return self.derived.relations(key(atom.name))[0].matching(wanted)
         return (row for row in self._signed(key(atom.name), True).matching(wanted) if self._fits(atom, wanted, row))
 
+    def rows(self, atom: Atom) -> Relation:
+        """The rows of which an atom's predicate is true."""
+        return self._rows(key(atom.name))[0]
+
     def defined(self, function: Atom, bindings: Bindings) -> Iterator[Arguments]:
         """The arguments with which a function is defined."""
         name, wanted = key(function.name), pattern(function, bindings)

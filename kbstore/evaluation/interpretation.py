@@ -60,6 +60,13 @@ class Interpretation(Protocol):
         """The type of an object or constant, None where it does not exist."""
 
 
+class ListedInterpretation(Interpretation, Protocol):
+    """What holds at one time, in a state that also lists what is defined."""
+
+    def defined(self, name: str) -> Iterable[Arguments]:
+        """The arguments for which a numeric function is defined."""
+
+
 class IndexedInterpretation(Interpretation, Protocol):
     """What holds at one time, in a store that finds facts by any of their objects."""
 

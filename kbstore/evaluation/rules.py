@@ -145,7 +145,7 @@ def _compiled(own: Signature, condition: Formula, domain: Domain) -> Rule:
         condition = And((*restrictions, condition))
     clauses = tuple(
         Clause(head, {**variables, **inner}, conjuncts, tuple(_reads(c, domain) for c in conjuncts))
-        for inner, conjuncts in _bodies(condition, True, _liftable(condition, variables))
+        for inner, conjuncts in bodies(condition, True, _liftable(condition, variables))
     )
     return Rule(head, variables, condition, clauses)
 
@@ -178,35 +178,35 @@ def _liftable(condition: Formula, variables: Variables) -> frozenset[str]:
 _Body = tuple[Variables, tuple[Formula, ...]]
 
 
-def _bodies(condition: Formula, positive: bool, liftable: frozenset[str]) -> list[_Body]:
+def bodies(condition: Formula, positive: bool, liftable: frozenset[str]) -> list[_Body]:
     """The disjunctive normal form of a condition (or, if not `positive`, of its negation), as far as it pays.
 
     Quantifiers whose variables are `liftable` are dissolved where they stand for an existence.
     """
     match condition:
         case Not(part):
-            return _bodies(part, not positive, liftable)
+            return bodies(part, not positive, liftable)
         case Preference(_, part):
-            return _bodies(part, positive, liftable)
+            return bodies(part, positive, liftable)
         case Imply(premise, conclusion):
-            return _bodies(Or((Not(premise), conclusion)), positive, liftable)
+            return bodies(Or((Not(premise), conclusion)), positive, liftable)
         case And(parts) | Or(parts):
-            alternatives = [_bodies(part, positive, liftable) for part in parts]
+            alternatives = [bodies(part, positive, liftable) for part in parts]
             if isinstance(condition, Or) is positive:
-                return [body for bodies in alternatives for body in bodies]
+                return [body for found in alternatives for body in found]
             return _multiplied(parts, alternatives, positive)
         case Exists(parameters, part) | Forall(parameters, part) if isinstance(condition, Exists) is positive:
             own = variables_of(parameters)
             if liftable.issuperset(own):
-                return [({**own, **inner}, body) for inner, body in _bodies(part, positive, liftable)]
+                return [({**own, **inner}, body) for inner, body in bodies(part, positive, liftable)]
     return [({}, (condition if positive else Not(condition),))]
 
 
 def _multiplied(parts: tuple[Formula, ...], alternatives: list[list[_Body]], positive: bool) -> list[_Body]:
     """Every choice of one body of each part, unless these are too many: then parts with a choice stay as they are."""
     number = 1
-    for i, bodies in enumerate(alternatives):
-        if number * len(bodies) > _MAX_CLAUSES:
+    for i, found in enumerate(alternatives):
+        if number * len(found) > _MAX_CLAUSES:
             alternatives[i] = [({}, (parts[i] if positive else Not(parts[i]),))]
         number *= len(alternatives[i])
     return [

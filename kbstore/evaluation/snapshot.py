@@ -69,6 +69,11 @@ class Snapshot:
         row = self.row(KnowledgeType.FUNCTION, atom_key((name, *arguments)))
         return None if row is None else Number(row[2][1], row[2][3], row[1])
 
+    def defined(self, name: str) -> Iterable[Arguments]:
+        """The arguments for which a numeric function is defined."""
+        rows = self.of(KnowledgeType.FUNCTION)
+        return [timeline.keys[1:] for timeline, _, _ in rows if timeline.keys[0] == name]
+
     def objects(self, types: Iterable[str]) -> Collection[str]:
         """The objects that exist and are of one of the types or their subtypes, constants included."""
         wanted = tuple(types)

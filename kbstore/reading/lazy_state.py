@@ -51,6 +51,11 @@ class LazyState:
         """The facts of a predicate, of both signs, each with its sign."""
         return self._facts(self._repository.holding(Role.STATE, KnowledgeType.FACT, self.time, name))
 
+    def defined(self, name: str) -> Iterable[Arguments]:
+        """The arguments for which a numeric function is defined."""
+        rows = self._repository.holding(Role.STATE, KnowledgeType.FUNCTION, self.time, name)
+        return [timeline.keys[1:] for timeline, _, _ in rows]
+
     def matching(self, name: str, wanted: tuple[str | None, ...]) -> Iterable[tuple[Arguments, bool]]:
         """The facts of a predicate that have the given arguments, at least one of them, each with its sign."""
         if None not in wanted:

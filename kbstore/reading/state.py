@@ -32,6 +32,7 @@ from kbstore.pddl.writer import write_problem
 from kbstore.planning.simulator import Mentions, Simulator
 from kbstore.reading.item_factory import ItemFactory
 from kbstore.reading.prepared import PreparedQuestions
+from kbstore.reading.query import bindings
 from kbstore.reading.questions import Question, as_item
 from kbstore.reading.state_data import StateData
 from kbstore.storage.records import LogPosition
@@ -205,6 +206,13 @@ class State(Result):
         prepared = self._questions.expression(question, self.symbol_table)
         check_types(prepared.named, self.snapshot.type_of, self.domain)
         return prepared.evaluate(self.snapshot)
+
+    def find(self, condition: Question) -> list[dict[str, str]]:
+        """Find the objects for a condition's free variables for which it is true (rule V11).
+
+        The same as `KnowledgeBase.find` at this time.
+        """
+        return bindings(condition, self.symbol_table, self.snapshot)
 
     def explain(self, question: Question) -> "Explanation":
         """Why a fact or condition is true, false or unknown, and the transaction that made it so."""
