@@ -28,7 +28,7 @@ _PARTS = {
 
 
 def main() -> None:
-    """Measure what is asked for, and print it."""
+    """Run the benchmarks that are asked for, and print the table."""
     arguments = _arguments()
     console = Console(width=None if Console().is_terminal else 140)
     began = time.monotonic()

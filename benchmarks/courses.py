@@ -14,7 +14,7 @@ _KEY = "reachable wp0 wp1"
 
 
 def measure(settings: Settings) -> Iterator[Result]:
-    """A fact that changes its sign again and again: all of its history, and three changes in its middle."""
+    """Measure `when` for a fact that keeps changing its sign: over all of its history, and over three changes."""
     for count in settings.intervals:
         store = settings.new("when")
         with kbstore.open(store, "bench", clock=ManualClock(START), durability="normal") as kb:

@@ -1,6 +1,6 @@
-"""Fills a store with a history by writing its rows directly, in the form in which the recorder leaves them.
+"""Fill a store with a history by writing its rows directly, as the recorder would leave them.
 
-`tests/benchmarks` compares the rows with those of the same history told through the public methods.
+`tests/benchmarks` compares the rows with those of the same history played through the public methods.
 """
 
 import itertools
@@ -23,7 +23,7 @@ _CHUNK = 100_000
 
 
 class _Rows:
-    """The assertions of one table in order of their beginning, in columns; what stands is open."""
+    """The assertions of one table, in columns and in order of their starts; what holds is open."""
 
     def __init__(self) -> None:
         self.timeline, self.start, self.end = array("q"), array("q"), array("q")
@@ -80,7 +80,7 @@ _COLUMNS = "kb_id, recorded_tx, seq, timeline_id, initial_time, end_time, is_neg
 
 
 def fill(history: History, path: Path, name: str = "bench") -> None:
-    """Make an SQLite store with a history in a new knowledge base."""
+    """Create an SQLite store with a history in a new knowledge base."""
     with kbstore.open(path, name, clock=ManualClock(START)) as kb:
         number = kb.load(DOMAIN).number
     connection = sqlite3.connect(path, isolation_level=None)

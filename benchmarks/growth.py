@@ -1,4 +1,4 @@
-"""How the state at t grows with the history behind it: each size against the one before."""
+"""Growth of the time for the state at t with the length of the history: each size against the one before."""
 
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
@@ -12,11 +12,11 @@ from benchmarks.settings import Settings
 from kbstore import KnowledgeBase, ManualClock
 
 _LARGE = 1_000_000
-"""From this size on there is a bar."""
+"""Sizes from this one on have a bar."""
 
 
 def measure(settings: Settings) -> Iterator[Result]:
-    """For each shape the worst of six times, all sizes in turns."""
+    """Measure each shape of history at the worst of six times, all sizes in turns."""
     for shape in SHAPES:
         worst = dict.fromkeys(settings.grown, 0.0)
         with ExitStack() as stack:

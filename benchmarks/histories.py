@@ -1,6 +1,6 @@
-"""Histories to measure on: about a thousand facts stand at any time, and how they change differs.
+"""Histories to measure on. About a thousand facts hold at any time; they differ in how facts change.
 
-A history is a sequence of steps, one transaction each. `replay` tells them to a knowledge base through its public
+A history is a sequence of steps, one transaction each. `replay` plays them to a knowledge base through its public
 methods; `benchmarks.filling` writes the same rows directly, as fast as the database takes them.
 """
 
@@ -19,7 +19,7 @@ STEP = seconds("0.1")
 """The time between two steps, of which up to a half is jitter."""
 
 STANDING = 1000
-"""How many facts stand at any time."""
+"""How many facts hold at any time."""
 
 DOMAIN = """
 (define (domain office)
@@ -35,7 +35,7 @@ _LIVING = STANDING // len(_PREDICATES)
 
 
 class Step(NamedTuple):
-    """One transaction: objects that go (with all that speaks of them), objects that come, facts with their signs."""
+    """One transaction: objects that end (with all that mentions them), objects that begin, facts with their signs."""
 
     time: int
     gone: list[str]
@@ -45,7 +45,7 @@ class Step(NamedTuple):
 
 @dataclass(frozen=True)
 class History:
-    """A shape of history, of a size: the number of its assertions, objects included."""
+    """A shape of history, and its size: the number of assertions, objects included."""
 
     shape: str
     size: int
@@ -69,7 +69,7 @@ UNIFORM, SKEWED, PASSING = SHAPES = ("uniform", "skewed", "passing objects")
 
 
 def _flips(size: int, choice: random.Random, pick: Callable[[], int]) -> Iterator[Step]:
-    """Facts about places which change their sign, one at each step."""
+    """Facts about places that change their sign, one at each step."""
     places = [f"wp{number}" for number in range(_PLACES)]
     keys = [f"reachable {a} {b}" for a in places for b in places[:25]]
     signs = [False] * STANDING
@@ -95,7 +95,7 @@ def _skewed(size: int, choice: random.Random) -> Iterator[Step]:
 
 
 def _passing(size: int, choice: random.Random) -> Iterator[Step]:
-    """Objects that come, with four facts each, and go: no timeline is ever used again."""
+    """Objects that begin, with four facts each, and end: no timeline is ever used again."""
     names = [f"item{number}" for number in range(size // (len(_PREDICATES) + 1))]
 
     def said(name: str) -> list[tuple[str, bool]]:
@@ -118,7 +118,7 @@ def _time(tick: int, choice: random.Random) -> int:
 
 
 def replay(history: History, url: str, name: str = "bench", *, durability: str = "normal") -> None:
-    """Tell a history to a new knowledge base, step by step, through `kbstore.KnowledgeBase.update`."""
+    """Play a history to a new knowledge base, step by step, through `kbstore.KnowledgeBase.update`."""
     clock = ManualClock(START)
     with kbstore.open(url, name, clock=clock, durability=durability) as kb:
         kb.load(DOMAIN)

@@ -1,4 +1,4 @@
-"""``python -m benchmarks.ingesting STORE COUNT``: ingests facts, and prints what the process held meanwhile, in MB."""
+"""``python -m benchmarks.ingesting STORE COUNT``: ingest facts, and print the memory used meanwhile, in MB."""
 
 import json
 import os
@@ -12,7 +12,7 @@ from kbstore import Fact, ManualClock
 
 
 def main() -> None:
-    """Facts that are all new, which is the most that there can be to remember."""
+    """Ingest facts that are all new, so that nothing remembered is of use."""
     store, count = Path(sys.argv[1]), int(sys.argv[2])
     places = [f"wp{number}" for number in range(int(count**0.5) + 1)]
 

@@ -1,4 +1,4 @@
-"""Loading problems: reading alone, and all of it against raw writes of the same rows."""
+"""Loading problems: parsing alone, and loading against raw writes of the same rows."""
 
 from collections.abc import Iterator
 
@@ -14,7 +14,7 @@ from kbstore.pddl.problem_reader import read_problem
 
 
 def measure(settings: Settings) -> Iterator[Result]:
-    """Problems with more and more init facts; that reading stays linear shows in seconds for each fact."""
+    """Measure problems with more and more init facts; parsing is linear if the time for each fact stays the same."""
     each: float | None = None
     for count in settings.init:
         text = problem(count)

@@ -1,4 +1,4 @@
-"""Measuring side by side: two or more ways to do the same, in turns, each told by its lower quartile."""
+"""Measuring side by side: several ways to do the same, in turns, each reported by its lower quartile."""
 
 import gc
 import statistics
@@ -10,19 +10,19 @@ from typing import Any
 Way = Callable[[], Any]
 
 MINIMUM = 7
-"""Rounds at least, however long one takes."""
+"""The least number of rounds."""
 
 _SLICE = 0.000_2
-"""What is faster than this, in seconds, is done several times for each reading of the clock."""
+"""In seconds: anything faster is done several times for each reading of the clock."""
 
 
 Clock = Callable[[], float]
 
 CPU: Clock = time.process_time
-"""For questions whose rows are in memory: nothing waits, and what other processes take does not count."""
+"""CPU time, for work on rows in memory: nothing waits, and other processes do not count."""
 
 WALL: Clock = time.perf_counter
-"""For whatever waits: for the disk, or for a server."""
+"""Wall-clock time, for work that waits for the disk or for a server."""
 
 
 def side_by_side(
@@ -51,7 +51,7 @@ def side_by_side(
 
 
 def once(way: Way, clock: Clock = WALL) -> float:
-    """How long something takes that can be done only once, in seconds."""
+    """Return how long something takes that can be done only once, in seconds."""
     gc.collect()
     return _lasting(way, 1, clock)
 

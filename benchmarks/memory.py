@@ -1,4 +1,4 @@
-"""Memory of a process while it ingests: flat, however much there is."""
+"""Memory of a process while it ingests, which should be flat."""
 
 import json
 import subprocess
@@ -13,7 +13,7 @@ _STATUS = Path("/proc/self/statm")
 
 
 def measure(settings: Settings) -> Iterator[Result | Missing]:
-    """In a process of its own, what it holds when all is ingested, against a half and a tenth."""
+    """Measure a process when all is ingested, against half of it and a tenth."""
     if not _STATUS.exists():
         yield Missing("memory while ingesting", f"needs Linux ({_STATUS})")
         return

@@ -1,4 +1,4 @@
-"""Questions about one thing: at t against a raw prepared point query, about now against a dict."""
+"""Questions about one fact or number: at t against a raw prepared point query, about now against a dict."""
 
 from collections.abc import Iterator
 
@@ -14,7 +14,7 @@ _KEY = "reachable wp3 wp4"
 
 
 def measure(settings: Settings) -> Iterator[Result]:
-    """`holds` with a prepared item and with text at a time, `holds` and `value` of now."""
+    """Measure `holds` at a time, with an item and with text, and `holds` and `value` now."""
     history = History(UNIFORM, settings.size)
     path = settings.store(history)
     points = raw.Points(settings.new("points"), path)
@@ -59,6 +59,6 @@ def _now(settings: Settings, domain: str | None) -> Iterator[Result]:
         connection.close()
     where = "" if domain else ", without a domain"
     yield Result(f"holds now{where}", "dict.get, in a function", found["holds"], found["dict"])
-    # without asking this, an answer that is remembered may not be what another process has written since
+    # what SQLite needs to say whether another process has committed since
     yield Result(f"holds now{where}", "PRAGMA data_version", found["holds"], found["version"])
     yield Result(f"value now{where}", "dict.get, in a function", found["value"], found["dict"])

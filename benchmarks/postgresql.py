@@ -1,6 +1,6 @@
 """On PostgreSQL: the same questions and writes, against raw psycopg on the same server.
 
-All of it is told in wall-clock time, since the server is another process.
+All of it is in wall-clock time, since the server is another process.
 """
 
 import io
@@ -32,7 +32,7 @@ _CONTENT = ("timelines", "mentions", "transactions", "instances", "facts")
 
 
 def measure(settings: Settings) -> Iterator[Result | Missing]:
-    """On the server that is named, or one that is started for it."""
+    """Measure on the server that is named, or on one that is started for this."""
     try:
         with _server(settings.postgresql) as url:
             yield from _measure(settings, url)
@@ -115,7 +115,7 @@ def _states(settings: Settings, raw: "psycopg.Connection[Any]", kb: kbstore.Know
 
 
 class _Answers:
-    """The rows of some states, each in one stretch of a clustered table."""
+    """The rows of some states, each contiguous in a clustered table."""
 
     def __init__(self, connection: "psycopg.Connection[Any]", states: list[State]) -> None:
         self._connection = connection
@@ -170,7 +170,7 @@ def _points(
 def _single(
     settings: Settings, raw: "psycopg.Connection[Any]", kb: kbstore.KnowledgeBase, clock: ManualClock
 ) -> Result:
-    """Each writes to a knowledge base of its own, the raw side to a copy of the rows."""
+    """Each side writes to rows of its own: a knowledge base, and a copy of one."""
     for table in (*_CONTENT, "heads"):
         raw.execute(sql.SQL("CREATE SCHEMA IF NOT EXISTS beside"))
         name = sql.Identifier(table)
@@ -239,7 +239,7 @@ def _flips(raw: "psycopg.Connection[Any]", t: int) -> Callable[[], None]:
 
 
 def _bulk(settings: Settings, raw: "psycopg.Connection[Any]", url: sa.URL) -> Result:
-    """New facts about new places; raw, the rows that this left are written again to empty tables with all indexes."""
+    """New facts about new places; the raw side writes the resulting rows to empty tables with all indexes."""
     count = settings.peers_bulk
     places = [f"wp{number}" for number in range(int(count**0.5) + 1)]
     items = [fact(f"reachable {a} {b}") for a in places for b in places][:count]

@@ -1,4 +1,4 @@
-"""The limit: raw `sqlite3` on the same rows, laid out as one would who knew the questions beforehand."""
+"""Raw `sqlite3` on the same rows, laid out for exactly the questions that are asked."""
 
 import sqlite3
 from collections.abc import Sequence
@@ -10,7 +10,7 @@ Row = tuple[str, str, bool, int]
 
 
 def connect(path: Path, *, synchronous: str = "FULL") -> sqlite3.Connection:
-    """A connection with the settings of a kbstore store, transactions begun by hand."""
+    """Connect with the settings of a kbstore store and manual transactions."""
     connection = sqlite3.connect(path, isolation_level=None)
     connection.execute("PRAGMA journal_mode = WAL")
     connection.execute(f"PRAGMA synchronous = {synchronous}")
@@ -19,7 +19,7 @@ def connect(path: Path, *, synchronous: str = "FULL") -> sqlite3.Connection:
 
 
 class Answers:
-    """The rows of some states, each state on pages of its own: nothing fetches them with fewer reads."""
+    """The rows of some states, each on pages of its own: nothing fetches them with fewer reads."""
 
     def __init__(self, path: Path, states: Sequence[State]) -> None:
         self._connection = connect(path, synchronous="OFF")
@@ -40,7 +40,7 @@ class Answers:
 
 
 def rows_of(state: State) -> list[Row]:
-    """What stands, as plain rows."""
+    """What holds, as plain rows."""
     facts = [
         (fact.attribute_name, " ".join(fact.arguments), fact.is_negative, fact.initial_time) for fact in state.facts
     ]

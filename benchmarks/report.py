@@ -1,4 +1,4 @@
-"""What was measured, as one table."""
+"""The results as one table."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,11 +12,11 @@ class Result:
     """One comparison.
 
     Attributes:
-        what: what was done.
+        what: what was measured.
         with_what: what it is compared with.
         ours: kbstore's figure, in `unit`.
         theirs: the other's.
-        bar: the greatest ratio that is good enough; None where none is set.
+        bar: the greatest acceptable ratio; None if there is none.
     """
 
     what: str
@@ -28,7 +28,7 @@ class Result:
 
     @property
     def ratio(self) -> float:
-        """How many times the other's figure kbstore's is."""
+        """The figure of kbstore divided by the other's."""
         return self.ours / self.theirs
 
     @property
@@ -45,7 +45,7 @@ class Result:
 
 @dataclass(frozen=True)
 class Missing:
-    """What could not be measured here, and why."""
+    """A comparison that could not be made, and why."""
 
     what: str
     why: str
@@ -88,7 +88,7 @@ def _cells(result: Result | Missing) -> tuple[str, ...]:
 
 
 def amount(figure: float, unit: str) -> str:
-    """A figure with a unit that suits its size.
+    """Format a figure with a unit that suits its size.
 
     >>> amount(0.00042, "s"), amount(163.2, "bytes")
     ('420 us', '163 bytes')

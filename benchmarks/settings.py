@@ -1,4 +1,4 @@
-"""How large and how long a run is, and where it keeps its stores."""
+"""The size and length of a run, and the directory of its stores."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -38,14 +38,14 @@ class Settings:
     postgresql: str | None
 
     def new(self, name: str) -> Path:
-        """A path in the directory at which no database is."""
+        """Return a path in the directory at which there is no database yet."""
         path = self.directory / f"{name}.db"
         for suffix in _FILES:
             path.with_name(path.name + suffix).unlink(missing_ok=True)
         return path
 
     def store(self, history: History) -> Path:
-        """The store with a history; it is made once."""
+        """The store with a history; it is created once."""
         path = self.directory / f"{history.shape.replace(' ', '-')}-{history.size}.db"
         if not path.exists():
             fill(history, path)

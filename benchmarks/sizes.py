@@ -15,11 +15,11 @@ _BAR = 160
 """Bytes."""
 
 _TOLD = 20_000
-"""Assertions, at most, of the histories that are told in transactions: pages are split as in a robot's life."""
+"""Assertions, at most, of the histories that are played in transactions, so that pages are split as in real use."""
 
 
 def measure(settings: Settings) -> Iterator[Result]:
-    """Told by the public methods, one and ten steps in a transaction; and the large stores whose rows were written."""
+    """Measure histories played through the public methods, one and ten steps in a transaction, and the large stores."""
     for shape in SHAPES:
         told = History(shape, min(_TOLD, settings.size // 5))
         for steps in (1, 10):
@@ -33,7 +33,7 @@ def measure(settings: Settings) -> Iterator[Result]:
 
 
 def _told(path: Path, history: History, together: int) -> float:
-    """What each assertion adds to a store in which the first thousand stand already."""
+    """Bytes that each assertion adds to a store with the first thousand."""
     clock = ManualClock(START)
     steps = history.steps()
     with kbstore.open(path, "bench", clock=clock, durability="normal") as kb:

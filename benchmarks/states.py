@@ -1,6 +1,6 @@
 """The state at t, against fetching its rows raw.
 
-States that have been asked for are kept for a while, so each question here is about a nanosecond of its own.
+Past states are cached, so each question here is about a nanosecond of its own.
 """
 
 from collections.abc import Callable, Iterator
@@ -18,7 +18,7 @@ BAR = 2.5
 
 
 def measure(settings: Settings) -> Iterator[Result]:
-    """For each shape of history the worst of six times: the state, a question to it, all of it, the same again."""
+    """Measure each shape at the worst of six times: the state, a question to it, all of it, and the same again."""
     for shape in SHAPES:
         history = History(shape, settings.size)
         path = settings.store(history)
@@ -61,7 +61,7 @@ def _ways(kb: KnowledgeBase, t: int, answers: Answers, index: int) -> dict[str, 
 
 
 def _unprepared(settings: Settings, kb: KnowledgeBase, history: History, answers: Answers) -> Result:
-    """Times that have not been asked about: timelines and pages are not in memory yet."""
+    """Times that have not been asked about, whose timelines and pages are not in memory yet."""
     moments = history.moments()
     first, last = moments[0], moments[-1]
     turns = (first + turn + (last - first) * (index * 89 % 997) // 997 for turn, index in enumerate(cycle(range(997))))

@@ -20,7 +20,7 @@ _CONTENT = ("timelines", "mentions", "transactions", "instances", "facts")
 
 
 def measure(settings: Settings) -> Iterator[Result]:
-    """One add at a time, then many at once."""
+    """Measure one add at a time, then many at once."""
     yield from _single(settings)
     yield from _bulk(settings)
 
@@ -34,7 +34,7 @@ def copy(source: Path, target: Path) -> None:
 
 
 class RawFlips:
-    """Changes the sign of facts that stand by the writes that kbstore does for it."""
+    """Changes the sign of facts with the statements that kbstore uses for it."""
 
     def __init__(self, path: Path, t: int) -> None:
         self._connection = raw.connect(path)
@@ -124,7 +124,7 @@ def _bulk(settings: Settings) -> Iterator[Result]:
 
 
 def same_rows(store: Path, empty: Path) -> Callable[[], None]:
-    """Writes what one store has and another lacks, all columns and indexes alike."""
+    """Writes the rows that one store has and another lacks, with all columns and indexes."""
     origin = sqlite3.connect(store)
     connection = raw.connect(empty)
     rows: dict[str, list[Any]] = {}
@@ -144,7 +144,7 @@ def same_rows(store: Path, empty: Path) -> Callable[[], None]:
 
 
 def _plain_rows(path: Path, keys: list[str]) -> Callable[[], None]:
-    """Writes facts into a table of one's own, which can only tell what stood when."""
+    """Writes facts into a plain table that records only what held when."""
     connection = raw.connect(path)
     connection.execute(
         "CREATE TABLE facts (id INTEGER PRIMARY KEY, name TEXT, arguments TEXT, is_negative INTEGER,"

@@ -1,1 +1,1 @@
-"""What else one could keep a history in: each peer told the same history in the way that its documentation advises."""
+"""Peers: other ways to keep a history, each given the same history as its documentation advises."""

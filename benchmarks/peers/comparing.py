@@ -46,7 +46,7 @@ PEERS = (
 
 
 def measure(settings: Settings) -> Iterator[Result | Missing]:
-    """All peers that are installed; of the others, that they are not."""
+    """Measure the peers that are installed, and list the others as missing."""
     for kind in PEERS:
         for shape in (UNIFORM, PASSING):
             history = History(shape, settings.peers)
@@ -63,7 +63,7 @@ def measure(settings: Settings) -> Iterator[Result | Missing]:
 
 
 def _reading(settings: Settings, name: str, peer: Peer, history: History) -> Iterator[Result]:
-    """The worst of six times, for kbstore, of each question."""
+    """Measure each question at the time that is worst for kbstore, of six."""
     worst: dict[str, Result] = {}
     with kbstore.open(settings.store(history), "bench", clock=_clock(history)) as kb:
         for t in history.moments():
@@ -77,7 +77,7 @@ def _reading(settings: Settings, name: str, peer: Peer, history: History) -> Ite
 
 
 def _questions(kb: KnowledgeBase, peer: Peer, t: int) -> dict[str, tuple[Way, Way]]:
-    """Both answer alike, which is looked at beforehand."""
+    """The questions, after a check that both answer alike."""
     asked = kb.state(at=t).facts[500]
     times = count(t)
     key = " ".join(asked.key)
@@ -103,7 +103,7 @@ def _writing(settings: Settings, kind: _Kind, peer: Peer, history: History) -> I
 
 
 class _Flips:
-    """Changes of the sign of one fact after another, which each side makes for itself."""
+    """Changes of the sign of one fact after another; each side makes its own."""
 
     def __init__(self, clock: ManualClock, signs: dict[str, bool]) -> None:
         self._clock = clock
@@ -128,7 +128,7 @@ class _Flips:
 
 
 def _bulk(settings: Settings, kind: _Kind, peer: Peer, kb: KnowledgeBase, clock: ManualClock) -> Result:
-    """Facts about new places, which kbstore checks to exist; again while it does not take long."""
+    """Add facts about new places, which kbstore checks to exist, up to three times while it is quick."""
     count = settings.peers_bulk
     ours: list[float] = []
     theirs: list[float] = []

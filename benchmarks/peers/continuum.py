@@ -26,7 +26,7 @@ class _Base(DeclarativeBase):
 
 
 class _Fact(_Base):
-    """What stands: deleting a row withdraws it."""
+    """What holds: deleting a row withdraws it."""
 
     __tablename__ = "fact"
     __versioned__: dict[str, Any] = {}  # noqa: RUF012 - as Continuum wants it
@@ -49,7 +49,7 @@ class Continuum:
         self._session = Session(self._engine)
 
     def tell(self, changes: Iterable[Change]) -> None:
-        """Rows of versions written directly, as Continuum leaves them: a session takes a millisecond for each."""
+        """Rows of versions written directly, as Continuum leaves them: a session would take a millisecond for each."""
         transactions: list[dict[str, Any]] = []
         versions: list[dict[str, Any]] = []
         latest: dict[str, dict[str, Any]] = {}

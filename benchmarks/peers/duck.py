@@ -11,7 +11,7 @@ from kbstore.clock import OPEN
 
 
 class Duck:
-    """Facts with the time from which, and until which, they stood. The write-ahead log is synced at each commit."""
+    """Facts with the interval in which they held. The write-ahead log is synced at each commit."""
 
     def __init__(self, path: Path) -> None:
         self._csv = path.with_suffix(".csv")
@@ -31,7 +31,7 @@ class Duck:
         self._connection.execute(f"COPY facts FROM '{self._csv}' (FORMAT csv, HEADER false)")
 
     def state(self, t: int) -> Standing:
-        """The rows whose interval holds the time."""
+        """The rows whose interval contains the time."""
         query = "SELECT key, is_negative FROM facts WHERE initial_time <= $1 AND end_time > $1"
         return dict(self._connection.execute(query, [t]).fetchall())
 
@@ -42,7 +42,7 @@ class Duck:
         return row is not None and not row[0]
 
     def write(self, change: Change) -> None:
-        """End the row that stands, and add the next."""
+        """End the current row, and add the next."""
         time, key, is_negative = change
         self._connection.begin()
         self._connection.execute("UPDATE facts SET end_time = $1 WHERE key = $2 AND end_time = $3", [time, key, OPEN])
@@ -59,7 +59,7 @@ class Duck:
 
 
 def intervals(changes: Iterable[Change]) -> list[tuple[str, bool, int, int]]:
-    """A history as facts with their signs, the time from which, and until which, they stood."""
+    """A history as facts with their signs and the intervals in which they held."""
     found: list[tuple[str, bool, int, int]] = []
     standing: dict[str, tuple[bool, int]] = {}
     for time, key, is_negative in changes:

@@ -1,4 +1,4 @@
-"""What a peer is asked to do, and the history that it is told."""
+"""What a peer has to do, and the history that it is given."""
 
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple, Protocol
@@ -7,12 +7,12 @@ from benchmarks.histories import History
 
 
 class Change(NamedTuple):
-    """From a time on, this is said of a fact.
+    """A change of what holds of a fact from a time on.
 
     Attributes:
         time: nanoseconds.
         key: the fact, as ``reachable wp0 wp1``.
-        is_negative: its sign; None if nothing is said of it any more.
+        is_negative: its sign; None if nothing holds of it any more.
     """
 
     time: int
@@ -21,23 +21,23 @@ class Change(NamedTuple):
 
 
 Standing = dict[str, bool]
-"""What stands: each fact with its sign."""
+"""What holds: each fact with its sign."""
 
 
 class Peer(Protocol):
-    """A store that can tell what stood when. Times only grow; a write that returned outlasts a loss of power."""
+    """A store that knows what held when. Times only grow; a write that returned outlasts a loss of power."""
 
     def tell(self, changes: Iterable[Change]) -> None:
-        """Take a history, the fastest way; changes of one time are one transaction."""
+        """Load a history, in the fastest way; changes of one time are one transaction."""
 
     def state(self, t: int) -> Standing:
-        """All that stood."""
+        """Everything that held."""
 
     def point(self, key: str, t: int) -> bool:
         """Whether a fact was true."""
 
     def write(self, change: Change) -> None:
-        """Change the sign of a fact that stands, in a transaction of its own."""
+        """Change the sign of a fact, in a transaction of its own."""
 
     def bulk(self, keys: list[str], t: int) -> None:
         """Many new facts, in one transaction."""
@@ -47,7 +47,7 @@ class Peer(Protocol):
 
 
 def changes(history: History) -> Iterator[Change]:
-    """The facts of a history: what is said of an object that goes goes with it."""
+    """The facts of a history; those about an object end with it."""
     speaking: dict[str, dict[str, None]] = {}
     for time, gone, come, said in history.steps():
         for name in gone:

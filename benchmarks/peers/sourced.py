@@ -19,14 +19,14 @@ Pairs = list[tuple[str, bool | None]]
 
 
 class World(Aggregate):
-    """What stands; each event says what changes."""
+    """The world, which each event changes."""
 
     def __init__(self) -> None:
         self.facts: dict[str, bool] = {}
 
     @event("Told")
     def tell(self, changes: Pairs) -> None:
-        """What is said from now on, or said no more."""
+        """Record what holds from now on, or no longer does."""
         for key, is_negative in changes:
             if is_negative is None:
                 del self.facts[key]
@@ -69,7 +69,7 @@ class Sourced:
         return self._at(t).facts
 
     def point(self, key: str, t: int) -> bool:
-        """The same, as there is no way to one fact of it alone."""
+        """The same, since a single fact cannot be read alone."""
         return self._at(t).facts.get(key) is False
 
     def write(self, change: Change) -> None:
@@ -77,7 +77,7 @@ class Sourced:
         self._save(change.time, [(change.key, change.is_negative)])
 
     def bulk(self, keys: list[str], t: int) -> None:
-        """One event that says all of them."""
+        """One event with all of them."""
         self._save(t, [(key, False) for key in keys])
 
     def _save(self, t: int, told: Pairs) -> None:
