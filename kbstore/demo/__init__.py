@@ -1,5 +1,5 @@
-"""The first five minutes: a robot's morning, recorded, and then questioned.
+"""The demonstration: a robot's morning, recorded, and questions about it.
 
-``python -m kbstore.demo [FILE]`` plays the mission of `kbstore.demo.mission` into an SQLite file, and asks the
+``python -m kbstore.demo [FILE]`` records the mission of `kbstore.demo.mission` in an SQLite file, and asks the
 questions of `kbstore.demo.tour`.
 """

@@ -9,9 +9,9 @@ from kbstore.errors import KbStoreError
 
 
 def main() -> int:
-    """Run the demonstration; the exit code."""
+    """Run the demonstration; returns the exit code."""
     parser = argparse.ArgumentParser(prog="python -m kbstore.demo", description="A robot's morning, and questions.")
-    parser.add_argument("file", nargs="?", type=Path, help="the SQLite file to make (default: a new one here)")
+    parser.add_argument("file", nargs="?", type=Path, help="the SQLite file to create (default: a new one here)")
     try:
         run(parser.parse_args().file)
     except KbStoreError as error:

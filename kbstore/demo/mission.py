@@ -1,8 +1,8 @@
-"""Eleven minutes of a porter robot, as its mission control, its door and its ward told them to a knowledge base.
+"""Eleven minutes of a porter robot, as recorded by its mission control, a door and a ward.
 
-Kenny is to bring two parcels to the laboratory, whose door keeps hours. One parcel is withdrawn; then a fire alarm
-closes the door while kenny is in front of it. Every number can be worked out by hand: driving costs a quarter of a
-percent a second, at half a metre a second; charging gives half a percent a second.
+Kenny has to bring two parcels to the laboratory, whose door has opening hours. One parcel is withdrawn; then a fire
+alarm closes the door while kenny is in front of it. Every number can be worked out by hand: driving costs a quarter of
+a percent a second, at half a metre a second; charging adds half a percent a second.
 """
 
 from pathlib import Path
@@ -16,7 +16,7 @@ DOMAIN = Path(__file__).with_name("domain.pddl")
 PROBLEM = Path(__file__).with_name("problem.pddl")
 
 NAME = "kenny"
-"""The knowledge base that the mission is recorded in."""
+"""The name of the knowledge base."""
 
 
 def moment(text: str) -> int:
@@ -28,14 +28,14 @@ START, END = moment("08:58:00"), moment("09:09:10")
 
 
 class Mission:
-    """Plays the mission: moves the clock, and tells the knowledge base what happens."""
+    """Plays the mission: sets the clock, and records what happens."""
 
     def __init__(self, kb: KnowledgeBase, clock: ManualClock) -> None:
         self._kb = kb
         self._clock = clock
 
     def play(self) -> None:
-        """All of it."""
+        """Play all of it."""
         self._set_out()
         self._alarm()
         self._deliver()
@@ -55,7 +55,7 @@ class Mission:
         self._drive("08:59:30", "office", "corridor", until="09:00:30")
 
     def _alarm(self) -> None:
-        """The door shuts on a robot that was going to pass it."""
+        """The door shuts while the robot passes it."""
         self._at("09:00:40")
         passing = self._start("pass_door", "kenny", "lab_door", "corridor", "lab")
         self._at("09:01:00")
@@ -113,7 +113,7 @@ class Mission:
 
 
 def record(url: str) -> KnowledgeBase:
-    """Play the mission into a store; the knowledge base that remembers it, still open, at the mission's end."""
+    """Record the mission in a store; returns the knowledge base, still open, at the end of the mission."""
     clock = ManualClock(START)
     kb = kbstore.open(url, NAME, clock=clock)
     Mission(kb, clock).play()

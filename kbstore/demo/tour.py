@@ -23,10 +23,10 @@ from kbstore.report.tables import DIM, TITLE, sections, show, table
 from kbstore.report.time_format import TimeFormat
 
 WIDTH = 118
-"""Wide enough for every line of the answers; a narrower terminal folds them."""
+"""The width of the longest line; a narrower terminal folds it."""
 
 CHANGING = ("robot_at", "open", "carries", "parcel_at", "delivered", "docked", "undocked")
-"""The predicates that are not the building's map."""
+"""The predicates that are not part of the building's map."""
 
 SQL = """\
 SELECT fact, substr(initial_time, 12, 8) AS since, substr(end_time, 12, 8) AS until, recorded_client
@@ -43,31 +43,31 @@ class Answer:
 
 
 def tour(kb: KnowledgeBase) -> Iterator[Answer]:
-    """What no knowledge base that keeps only its current state can answer."""
+    """Ask what a knowledge base with only a current state cannot answer."""
     at_end = TimeFormat(kb.now(), brief=True)
     alarm, before = moment("09:02:00"), moment("09:00:45")
     yield Answer(
-        "What did it hold at 09:02:00, while the fire alarm was on?",
+        "What was true at 09:02:00, while the fire alarm was on?",
         'kb.state(at="2026-05-04T09:02:00Z")',
         past_state(kb, alarm),
     )
     yield Answer(
-        "Fifteen seconds before the alarm: what did it expect of 09:02:00, and what came?",
+        "Fifteen seconds before the alarm: what did kenny expect of 09:02:00, and what came?",
         "kb.state(at=alarm, as_of=before)",
         expectation(kb, alarm, before),
     )
     yield Answer(
-        "The life of one fact: who opened and closed the laboratory, and what was planned and cancelled?",
+        "The history of one fact: who opened and closed the laboratory, and what was scheduled and cancelled?",
         'kb.history("(open lab_door)")',
         records.history_table(kb.history("(open lab_door)"), at_end),
     )
     yield Answer(
-        "What is different at 09:06:00 from 08:59:00?",
+        "What changed from 08:59:00 to 09:06:00?",
         'kb.diff("2026-05-04T08:59:00Z", "2026-05-04T09:06:00Z")',
         records.diff_view(kb.diff(moment("08:59:00"), moment("09:06:00"))),
     )
     yield Answer(
-        "When was the battery below 20 percent? It moves at a rate, so the answer is exact to the nanosecond.",
+        "When was the battery below 20 percent? It moves at a rate; the answer is exact to the nanosecond.",
         'kb.when("(< (battery kenny) 20)", since=start, until=end)',
         records.intervals_table(kb.when("(< (battery kenny) 20)", START, END), at_end),
     )
@@ -86,14 +86,19 @@ def tour(kb: KnowledgeBase) -> Iterator[Answer]:
         ),
     )
     yield Answer(
-        "And the future: how long will the door still be open?",
+        "How often did it try to pass the door, and was the door open all the while?",
+        'kb.runs("(pass_door kenny ? ? ?)")',
+        records.runs_view(kb.runs("(pass_door kenny ? ? ?)")),
+    )
+    yield Answer(
+        "And the future: how long will the door stay open?",
         'kb.when("(open lab_door)", since=kb.now(), until=kb.now() + seconds(3600))',
         records.intervals_table(kb.when("(open lab_door)", END, END + 3600 * 10**9), at_end),
     )
 
 
 def past_state(kb: KnowledgeBase, t: int) -> RenderableType:
-    """The state at a time, without the building's map, which never changes."""
+    """The state at a time, without the building's map."""
     state, moments = kb.state(at=t), TimeFormat(t, brief=True)
     changing = [fact for fact in state.facts if fact.attribute_name in CHANGING]
     static = len(state.facts) - len(changing) + len(state.functions) - 1
@@ -107,7 +112,7 @@ def past_state(kb: KnowledgeBase, t: int) -> RenderableType:
 
 
 def expectation(kb: KnowledgeBase, t: int, believed_at: int) -> RenderableType:
-    """What was believed about a time beforehand, beside what came."""
+    """What had been expected of a time, beside what came."""
     belief, fact = kb.state(at=t, as_of=believed_at), kb.state(at=t)
     conditions = ("(robot_at kenny lab)", "(robot_at kenny corridor)", "(open lab_door)")
     rows = [(text, str(belief.truth(text)), str(fact.truth(text))) for text in conditions]
@@ -117,13 +122,14 @@ def expectation(kb: KnowledgeBase, t: int, believed_at: int) -> RenderableType:
 
 
 def present(kb: KnowledgeBase, file: Path, console: Console) -> None:
-    """The whole demonstration, for a mission that has been recorded in a file."""
+    """Show the whole demonstration, for a mission recorded in a file."""
     moments = TimeFormat(kb.now(), brief=True)
-    console.print(Text.assemble(("kbstore: a knowledge base that remembers", TITLE), "\n"))
-    console.print(
-        "Kenny, a porter robot, is to bring two parcels to the laboratory on the morning of 2026-05-04. One is "
-        "withdrawn, and a fire alarm closes the door in front of it. What its knowledge base was told, one line a "
-        "transaction:\n"
+    console.print(Text.assemble(("kbstore: a bitemporal knowledge base for robot planning", TITLE), "\n"))
+    show(
+        console,
+        "On the morning of 2026-05-04 kenny, a porter robot, has to bring two parcels to the laboratory. One is "
+        "withdrawn, and a fire alarm shuts the door in front of it. What was recorded, one line for each "
+        "transaction:\n",
     )
     show(console, records.log_table((change.transaction for change in kb.changes()), moments))
     for number, answer in enumerate(tour(kb), 1):
@@ -132,17 +138,17 @@ def present(kb: KnowledgeBase, file: Path, console: Console) -> None:
         console.print(Text(f">>> {answer.code}", DIM))
         show(console, Padding(answer.shown, (1, 0, 0, 2)))
     console.print()
-    heading("The file is yours to explore", console)
+    heading("Explore the file yourself", console)
     closing_words(file, console)
 
 
 def heading(text: str, console: Console) -> None:
-    """A line across, and a title that may be folded."""
+    """Show a line across, and a title that may be folded."""
     show(console, Rule(style=DIM), Text(text, TITLE))
 
 
 def closing_words(file: Path, console: Console) -> None:
-    """Where the file is, a statement to try in SQL with its answer, and commands to try."""
+    """Show where the file is, a statement to try in SQL with its answer, and commands to try."""
     command = Path(sys.executable).with_name("kbstore")
     if command.is_relative_to(Path.cwd()):
         command = command.relative_to(Path.cwd())
@@ -167,7 +173,7 @@ def closing_words(file: Path, console: Console) -> None:
 
 
 def new_file() -> Path:
-    """A file that does not exist yet: in the current directory, or where that can't be written to, a temporary one."""
+    """Return a file that does not exist yet: here, or if nothing can be written here, a temporary one."""
     directory = Path.cwd()
     try:
         with tempfile.TemporaryFile(dir=directory):
@@ -182,12 +188,12 @@ def unused(file: Path | None) -> Path:
     """The file, or a new one if none is named; one that exists is refused."""
     path = new_file() if file is None else file
     if path.exists():
-        raise StoreUnavailable(f"{path} exists already; name a file that does not, the demonstration begins a new one")
+        raise StoreUnavailable(f"{path} exists already; name one that does not, as the demonstration creates it")
     return path
 
 
 def run(file: Path | None = None, console: Console | None = None) -> Path:
-    """Play the mission into a new file and show everything; returns the file. An existing file is refused."""
+    """Record the mission in a new file and show everything; returns the file. An existing file is refused."""
     path = unused(file)
     shown = console or Console(highlight=False)
     if shown.width > WIDTH or not shown.is_terminal:

@@ -35,6 +35,8 @@ def test_the_answers_are_on_the_page(shown):
         "changed (battery kenny) from 56 to 15.5",
         "09:05:32.000000001 09:07:43 2 min 11 s",
         "(open lab_door) is false since 09:01:00 (1 min ago)",
+        "(pass_door kenny lab_door corridor lab) 09:00:40 09:01:20 09:01:02 22 s aborted",
+        "(pass_door kenny lab_door corridor lab): (open lab_door) was false from 09:01:00 until 09:01:02",
         "09:09:10 09:15:00 5 min 50 s",
         "(robot_at kenny corridor) 09:01:05 09:04:10 localisation",
     ):
