@@ -171,9 +171,6 @@ class StoreConnection(ABC):
         """The same for numbers, as text: to be made once and used by many statements."""
 
     @abstractmethod
-    def timeline_ids(self, count: int) -> Sequence[int]:
-        """Numbers for new timelines."""
-
     # -- transactions -----------------------------------------------------------------------------------------
 
     @abstractmethod

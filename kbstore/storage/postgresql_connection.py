@@ -99,15 +99,6 @@ class PostgresqlConnection(StoreConnection):
         except self._error as error:
             raise self._failure(error) from error
 
-    def timeline_ids(self, count: int) -> Sequence[int]:
-        """Numbers for new timelines."""
-        table = "timelines" if self.options.schema is None else f"{quoted(self.options.schema)}.timelines"
-        sequence = "SELECT nextval(pg_get_serial_sequence(%s, 'id')) FROM generate_series(1, %s)"
-        try:
-            return [row[0] for row in self._execute(sequence, (table, count)).fetchall()]
-        except self._error as error:
-            raise self._failure(error) from error
-
     def begin(self, *, write: bool) -> None:
         """Begin a transaction, with its settings in the same message: for writing, or on one snapshot.
 

@@ -129,14 +129,6 @@ class SqliteConnection(StoreConnection):
         """The same for numbers."""
         return json.dumps(values)
 
-    def timeline_ids(self, count: int) -> Sequence[int]:
-        """Numbers for new timelines; the writer is alone, so they follow the last."""
-        try:
-            row = self._execute("SELECT coalesce(max(id), 0) FROM timelines").fetchone()
-        except self._error as error:
-            raise self._failure(error) from error
-        return range(row[0] + 1, row[0] + 1 + count)
-
     # -- transactions -----------------------------------------------------------------------------------------
 
     def begin(self, *, write: bool) -> None:

@@ -165,6 +165,16 @@ def test_sql_is_spoken_in_storage_only(name):
     assert not [text for text in texts if SQL.search(text)]
 
 
+HIDDEN = ("queries", "assertion_queries", "statements", "connection", "sqlite_connection", "postgresql_connection")
+"""What the repository, the directory and the database stand in front of."""
+
+
+@pytest.mark.parametrize("name", [name for name in MODULES if part(name) not in ("storage", "transfer")])
+def test_the_repository_is_the_way_to_the_store(name):
+    """Nothing outside of storage and transfer names a statement or a connection: it asks the repository."""
+    assert not OWN[name] & {f"kbstore.storage.{hidden}" for hidden in HIDDEN}
+
+
 def test_modules_are_small():
     """A module has at most 400 lines; where one has more, it is said why."""
     lengths = {str(path.relative_to(ROOT)): len(path.read_text().splitlines()) for path in MODULES.values()}
