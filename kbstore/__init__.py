@@ -22,6 +22,7 @@ from kbstore.errors import (
     SchemaTooNew,
     SchemaUnknown,
     StoreUnavailable,
+    StoreWentBack,
     UndefinedFunction,
     UnknownSymbol,
 )
@@ -129,6 +130,7 @@ __all__ = [
     "SpecialType",
     "State",
     "StoreUnavailable",
+    "StoreWentBack",
     "StrictPddl",
     "SystemClock",
     "TimeLike",

@@ -101,6 +101,14 @@ class SchemaUnknown(KbStoreError, RuntimeError):
     """The database has a schema that is not kbstore's."""
 
 
+class StoreWentBack(KbStoreError, RuntimeError):
+    """The store is at an earlier transaction than before, or at another one of that number.
+
+    A backup was restored, or a standby took over that did not have everything. Whoever had transactions acknowledged
+    that are lost is told so once; the next question or transaction takes the store as it is.
+    """
+
+
 class StoreUnavailable(KbStoreError, ConnectionError):
     """The database cannot be reached, is locked by others, is full, or has been closed."""
 

@@ -64,7 +64,7 @@ from kbstore.reading.trajectory import when_true
 from kbstore.reading.watching import ChangeWatch, Found, Watch
 from kbstore.storage import directory
 from kbstore.storage.database import Database
-from kbstore.storage.repository import TimelineCache
+from kbstore.storage.memory import TimelineCache
 from kbstore.transfer import archive
 from kbstore.transfer.archive import Archived
 from kbstore.transfer.rows import Progress, is_archive
@@ -299,7 +299,8 @@ class KnowledgeBase:
         reader = copy(self._reader)
 
         def begin() -> OpenTransaction:
-            reader.cache = TimelineCache()
+            reader.memory = copy(self._reader.memory)
+            reader.memory.timelines = TimelineCache()
             return self._transaction(reader, client=client, note=note)
 
         return ingest(begin, items, batch=batch, progress=progress)

@@ -80,10 +80,11 @@ class Answers:
                         return answer.at(now) if type(answer) is Number else answer  # type: ignore[return-value]
             found = None
             if as_of is None and not isinstance(at, str):
+                # before what is prepared is looked up: what is prepared is as old as what had been seen, or newer
+                repository = Repository(connection, self._reader.kb, self._reader.memory)
                 # text may be relative to now, which the resolver knows
                 prepared = form.prepared.get((self._domains.latest.domain, name))
                 if prepared is not None and prepared.key is not None:
-                    repository = Repository(connection, self._reader.kb, self._reader.cache)
                     found = self._from_timeline(repository, prepared, at, look_ahead=answers is not None)
             if found is None:
                 found = self._from_state(form, question, at, as_of, look_ahead=answers is not None)
@@ -105,10 +106,12 @@ class Answers:
             timeline = prepared.timeline = found.get(prepared.key)
         t = self._resolver.read_clock() if at is None else at if type(at) is int else time(at)
         point = repository.value_at(prepared.kind, timeline, t)
-        if at is None and point.time > t:
+        if at is None and point is not None and point.time > t:
             # a caller always sees what it wrote, also where the clock is behind (rule T3)
             t = point.time
             point = repository.value_at(prepared.kind, timeline, t)
+        if point is None:
+            return None
         version = self._domains.latest
         if not self._resolver.is_stored(point, t) or point.domain_version != version.version or t < version.time:
             return None

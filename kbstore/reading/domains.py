@@ -38,6 +38,12 @@ class DomainVersions:
         made.latest, made._known = self.latest, list(self._known)
         return made
 
+    def forget(self) -> None:
+        """Forget what has been read, as the store has gone back."""
+        with self._loading:
+            self._known = []
+            self.latest = DomainVersion()
+
     def all(self, repository: Repository, head: Head) -> list[DomainVersion]:
         """All versions of the domain, in order."""
         known = self._known

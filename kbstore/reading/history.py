@@ -15,6 +15,7 @@ from kbstore.reading.patterns import Pattern
 from kbstore.reading.questions import Knowledge
 from kbstore.reading.reader import Reader
 from kbstore.reading.resolver import TemporalPoint
+from kbstore.storage.memory import went_back
 from kbstore.storage.records import Head, LogPosition, RecordedAssertion
 from kbstore.storage.repository import Repository
 
@@ -143,6 +144,8 @@ class History:
     def batch(self, repository: Repository, head: Head, after: int) -> list[Change]:
         """The next changes after a transaction, at most `BATCH`."""
         upto = min(head.number, after + BATCH)
+        if after > head.number:
+            raise went_back(self._reader.name, after, head.number)
         if upto <= after:
             return []
         transactions = [as_transaction(row) for row in repository.transactions_between(after, upto)]

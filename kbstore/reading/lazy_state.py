@@ -124,6 +124,7 @@ class LazyState:
         if timeline is None:
             return None
         found = self._repository.value_at(kind, timeline, self.time)
+        assert found is not None, "a snapshot does not go back"
         if found.value is None:
             self._absent.append(timeline)
             return None

@@ -129,6 +129,11 @@ class PreparedQuestions:
         self.expressions: LRU[tuple[Domain | None, Hashable], PreparedExpression] = LRU(bound)
         self._use_unknowns = use_unknowns
 
+    def forget(self) -> None:
+        """Forget the prepared questions, which know the numbers of their timelines, as the store has gone back."""
+        self.conditions.clear()
+        self.expressions.clear()
+
     def condition(self, question: Question, symbols: SymbolTable) -> PreparedCondition:
         """Prepare a condition. Raises what `kbstore.reading.questions.as_condition` raises, and `check`."""
         name = question_key(question)

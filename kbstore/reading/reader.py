@@ -26,8 +26,9 @@ from kbstore.reading.resolver import Resolver, TemporalPoint
 from kbstore.reading.state import State
 from kbstore.reading.state_data import StateData
 from kbstore.storage.database import Database
+from kbstore.storage.memory import StoreMemory
 from kbstore.storage.records import Head, LogPosition, RunRow
-from kbstore.storage.repository import Repository, TimelineCache
+from kbstore.storage.repository import Repository
 
 if TYPE_CHECKING:
     from sqlalchemy import Connection
@@ -40,7 +41,7 @@ class Reader:
         resolver: Which instant a question means.
         domains: The versions of the domain.
         questions: The prepared questions.
-        cache: The timelines.
+        memory: The timelines, and how far the record has been seen.
         borrowed: A connection of the caller's, in whose transaction is written.
     """
 
@@ -63,7 +64,8 @@ class Reader:
         self.resolver = Resolver(name, clock, is_archive=is_archive)
         self.domains = DomainVersions(caching=caching)
         self.questions = PreparedQuestions(use_unknowns=use_unknowns, caching=caching)
-        self.cache = TimelineCache(TIMELINES if caching else 0)
+        self.memory = StoreMemory(name, TIMELINES if caching else 0)
+        self.memory.when_gone_back(self._forget)
         self._states: LRU[int, StateData] = LRU(ASSERTIONS if caching else 0, lambda data: data.size)
         self._explainer = explainer
         self.borrowed: Connection | None = None
@@ -74,15 +76,21 @@ class Reader:
         made.borrowed = connection
         made.domains = self.domains.copy()
         made.questions = PreparedQuestions(use_unknowns=self.use_unknowns, caching=False)
-        made.cache = TimelineCache()
+        made.memory = StoreMemory(self.name)
         made._states = LRU(0)
         return made
+
+    def _forget(self) -> None:
+        """Forget everything, as the store has gone back."""
+        self.domains.forget()
+        self.questions.forget()
+        self._states.clear()
 
     @contextmanager
     def repository(self) -> Iterator[Repository]:
         """The knowledge base on one snapshot of the store."""
         with self.database.read() as connection:
-            yield Repository(connection, self.kb, self.cache)
+            yield Repository(connection, self.kb, self.memory)
 
     def symbol_table(self, repository: Repository, head: Head, position: LogPosition) -> SymbolTable:
         """The symbols known at a position in the log."""

@@ -15,6 +15,7 @@ from kbstore.reading.history import History
 from kbstore.reading.patterns import Pattern
 from kbstore.reading.questions import Knowledge
 from kbstore.reading.reader import Reader
+from kbstore.storage.memory import went_back
 from kbstore.storage.records import LogPosition
 from kbstore.storage.repository import Repository
 
@@ -91,6 +92,7 @@ class ChangeWatch(Watch[Change]):
     ) -> None:
         super().__init__(poll=poll, timeout=timeout)
         self._reader = reader
+        self._returns = reader.memory.progress.returns
         self._history = history
         self._pattern = pattern
         if pattern is not None:
@@ -108,6 +110,9 @@ class ChangeWatch(Watch[Change]):
             with self._reader.repository() as repository:
                 self._head = repository.head().number
         with self._reader.repository() as repository:
+            number = repository.head().number
+            if self._reader.memory.progress.returns != self._returns:
+                raise went_back(self._reader.name, self._last.number, number)
             changes, self._seen = self._next(repository, self._last, self._seen)
             symbol_table = self._symbols(repository)
         for change in changes:

@@ -169,9 +169,13 @@ class ThreadConnections(Connections):
             # taken by another thread of a store in memory, by a fork, or by `close`
             self._acquire(connection.lock)
             connection.uses += 1
-            if not self.is_closed:
+            if self.is_closed:
+                self.checkin(connection)
+            elif connection.uses == 1 and isinstance(connection, SqliteConnection) and connection.was_moved():
+                self.checkin(connection)
+                raise self.moved()
+            else:
                 return connection
-            self.checkin(connection)
 
     def checkin(self, connection: StoreConnection) -> None:
         """End a use of a connection; one that is lost, or of a store that was closed meanwhile, is closed."""

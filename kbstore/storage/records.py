@@ -70,6 +70,7 @@ class StoredPoint(NamedTuple):
     """
 
     number: int
+    token: int
     time: int
     history_from: int
     domain_version: int

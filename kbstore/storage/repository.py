@@ -6,14 +6,15 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
-from kbstore.caches import LRU, TIMELINES
 from kbstore.clock import OPEN
+from kbstore.errors import StoreWentBack
 from kbstore.messages import KnowledgeType
 from kbstore.model.timelines import LONGEST_KEY, Role, Timeline, stored_key
-from kbstore.storage import queries
+from kbstore.storage import directory, queries
 from kbstore.storage.assertion_queries import AssertionQueries, for_kind
 from kbstore.storage.connection import SqlRow, StoreConnection
 from kbstore.storage.interval_tree import EMPTY_LEVEL, LEVELS, path, ranges, superseded
+from kbstore.storage.memory import Mark, StoreMemory
 from kbstore.storage.recorder import Recorder
 from kbstore.storage.records import (
     Head,
@@ -36,26 +37,18 @@ _VALUE = 9
 """Where the value begins in the rows that history reads."""
 
 
-class TimelineCache:
-    """The timelines that this process has seen: they never change, so a row needs only their number."""
-
-    def __init__(self, bound: int = TIMELINES) -> None:
-        self.by_id: LRU[int, Timeline] = LRU(bound)
-        self.by_key: dict[tuple[Role, KnowledgeType], LRU[str, Timeline]] = defaultdict(lambda: LRU(bound))
-
-    def put(self, timeline: Timeline) -> None:
-        """Remember a timeline that is committed."""
-        self.by_id.put(timeline.id, timeline)
-        self.by_key[timeline.role, timeline.kind].put(timeline.key, timeline)
-
-
 class Repository:
     """One knowledge base, read and written on one connection."""
 
-    def __init__(self, connection: StoreConnection, kb: int, cache: TimelineCache) -> None:
+    def __init__(self, connection: StoreConnection, kb: int, memory: StoreMemory) -> None:
         self._connection = connection
         self._kb = kb
-        self._cache = cache
+        self._memory = memory
+        if memory.progress.is_gone:
+            raise memory.gone()
+        # before anything is read: what was seen by then is not newer than what is read
+        self._seen = memory.progress.seen
+        self._cache = memory.timelines
         self._positions: dict[LogPosition, dict[str, Any]] = {}
         self._head: Head | None = None
 
@@ -65,9 +58,37 @@ class Repository:
         """Where the record stands in this snapshot; `for_update` makes other writers of this knowledge base wait."""
         if self._head is None or for_update:
             row = self._connection.first(queries.head_for_update if for_update else queries.head, {"kb": self._kb})
-            assert row is not None
+            if row is None:
+                raise self._memory.gone()
             self._head = Head._make(row)
+            self._look(Mark(self._head.number, self._head.token))
         return self._head
+
+    def _look(self, now: Mark) -> bool:
+        """Whether the store has gone back since this was made; what was remembered until then is forgotten."""
+        if now == self._seen:
+            return False
+        try:
+            has_gone_back = self._memory.look(self._seen, now, self._token)
+        except StoreWentBack:
+            self._refuse_another()
+            raise
+        if has_gone_back:
+            self._refuse_another()
+        self._seen = now
+        self._cache = self._memory.timelines
+        return has_gone_back
+
+    def _refuse_another(self) -> None:
+        """Raise if the knowledge base of that name has another number in the store, or is not there any more."""
+        if self._memory.name:
+            found = directory.find(self._connection, self._memory.name)
+            if found is None or found.kb != self._kb:
+                raise self._memory.gone()
+
+    def _token(self, number: int) -> int | None:
+        row = self._connection.first(queries.token, {"kb": self._kb, "number": number})
+        return None if row is None else row[0]
 
     def save(self, changes: RowChanges, head: Head, now: int, *, client: str, note: str) -> Head:
         """Record a transaction after `head`, which is locked; returns the new head."""
@@ -185,15 +206,21 @@ class Repository:
             rows = rows + self._connection.all(statements.ended_since, parameters | {"levels": self._levels})
         return self._standing(kind, rows)
 
-    def value_at(self, kind: KnowledgeType, timeline: Timeline | None, t: int) -> StoredPoint:
-        """What holds on one timeline at a time, with the head: one statement. Nothing holds on no timeline."""
+    def value_at(self, kind: KnowledgeType, timeline: Timeline | None, t: int) -> StoredPoint | None:
+        """What holds on one timeline at a time, with the head: one statement. Nothing holds on no timeline.
+
+        None where the store has gone back since this was made: the timeline may be another one now.
+        """
         id = 0 if timeline is None else timeline.id
         row = self._connection.look_up(for_kind[kind].point, self._kb, id, t, self._kb)
-        assert row is not None
-        end = row[6]
+        if row is None:
+            raise self._memory.gone()
+        if row[1] != self._seen.token and self._look(Mark(row[0], row[1])):
+            return None
+        end = row[7]
         if end is None or end <= t:
-            return StoredPoint._make((*row[:6], OPEN, 0, None))
-        return StoredPoint._make((*row[:8], row[8:]))
+            return StoredPoint._make((*row[:7], OPEN, 0, None))
+        return StoredPoint._make((*row[:9], row[9:]))
 
     def next_start(self, timeline: Timeline, t: int, present: int | None = None) -> int:
         """When the next assertion on a timeline begins after a time; `OPEN` if none is scheduled.

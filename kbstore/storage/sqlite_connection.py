@@ -17,6 +17,10 @@ _LOG_LIMIT = 64 * 1024 * 1024
 """Bytes to which the write-ahead log is cut back once its pages are in the file."""
 
 
+_LOOK_AGAIN = 0.02
+"""How long a file that was deleted or replaced may still be read, in seconds; it is never written to."""
+
+
 class SqliteConnection(StoreConnection):
     """A connection to an SQLite store; with `lent`, one of the caller's, whose settings are restored."""
 
@@ -29,6 +33,7 @@ class SqliteConnection(StoreConnection):
         self._before: dict[str, Any] = {}
         self._memory = AnswerCache()
         self._data_version = -1
+        self._look_again = 0.0
         opened = self._open_file()
         self.file = file_at(opened)
         # a path that is relative, or a URI, may mean another file here; a link is to lead to this one from now on
@@ -170,6 +175,16 @@ class SqliteConnection(StoreConnection):
     def has_moved(self) -> bool:
         """Whether its file is not to be found any more where it was opened; SQLite would not notice."""
         return self.file is not None and self.file != file_at(self.path)
+
+    def was_moved(self) -> bool:
+        """The same, looked for at most every `_LOOK_AGAIN` seconds, which takes less than a question."""
+        now = time.monotonic()
+        if now < self._look_again:
+            return False
+        if self.has_moved():
+            return True
+        self._look_again = now + _LOOK_AGAIN
+        return False
 
     def abandon(self, *, close: bool) -> None:
         """In a forked child: leave the connection to the parent; `close` a file that nobody uses in this process.

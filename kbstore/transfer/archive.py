@@ -60,7 +60,7 @@ class _Archiving:
     def done(self) -> Archived:
         """Copy, check, delete, give the space back."""
         with self._database.read() as session:
-            repository = Repository(session, self._reader.kb, self._reader.cache)
+            repository = Repository(session, self._reader.kb, self._reader.memory)
             head = repository.head()
             self._refuse_future(head)
             # what an archiving that was interrupted has left is deleted, too

@@ -13,8 +13,9 @@ from kbstore.errors import HistoryUnavailable, InvalidKnowledge, StoreUnavailabl
 from kbstore.storage import directory, schema
 from kbstore.storage.connection import StoreConnection
 from kbstore.storage.database import Database
+from kbstore.storage.memory import StoreMemory
 from kbstore.storage.records import Head
-from kbstore.storage.repository import Repository, TimelineCache
+from kbstore.storage.repository import Repository
 from kbstore.transfer.queries import ARCHIVE, assertions, by_table, quick_check, revisions_after
 from kbstore.transfer.rows import Part, Record, RowSource, RowTarget, batches, make_archive, sync_directory
 
@@ -52,7 +53,7 @@ class ArchiveFile:
         """Where its record stands; None if it has nothing of the knowledge base yet. It ends right after that time."""
         with self._database.read() as session:
             found = directory.find(session, self._name)
-            return None if found is None else Repository(session, found.kb, TimelineCache()).head()
+            return None if found is None else Repository(session, found.kb, StoreMemory()).head()
 
     def refuse_other(self, session: StoreConnection, head: Head, own: Head) -> None:
         """Raise unless what it has, up to `own`, goes on in the store that `session` reads.

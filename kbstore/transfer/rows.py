@@ -17,9 +17,10 @@ from kbstore.storage import directory, schema
 from kbstore.storage.connection import StoreConnection
 from kbstore.storage.database import Database
 from kbstore.storage.interval_tree import EMPTY_LEVEL, level, node, superseded
+from kbstore.storage.memory import StoreMemory
 from kbstore.storage.recorder import put_head
 from kbstore.storage.records import Head
-from kbstore.storage.repository import Repository, TimelineCache
+from kbstore.storage.repository import Repository
 from kbstore.transfer.queries import ARCHIVE, application_id, by_table, last_transaction, mark_archive
 
 Store = str | os.PathLike[str] | URL | Engine
@@ -68,7 +69,7 @@ class RowSource:
         self.use_unknowns = found.use_unknowns
         self._connection = connection
         self.kb = found.kb
-        self.repository = Repository(connection, found.kb, TimelineCache())
+        self.repository = Repository(connection, found.kb, StoreMemory())
         self.head = self.repository.head()
         # what an archiving that was interrupted has yet to delete is not there any more
         since = max(part.since, self.head.history_from)

@@ -24,7 +24,7 @@ from kbstore.reading.mentions import mentions
 from kbstore.reading.questions import Knowledge, Question
 from kbstore.reading.reader import Reader
 from kbstore.reading.state import State
-from kbstore.storage.records import DomainRow, LogPosition, SymbolRow
+from kbstore.storage.records import DomainRow, Head, LogPosition, SymbolRow
 from kbstore.storage.repository import Repository
 from kbstore.writing.action_executor import ActionExecutor, applicability
 from kbstore.writing.change_set import ChangeSet
@@ -76,7 +76,7 @@ class OpenTransaction:
         with ExitStack() as contexts:
             contexts.enter_context(self._guard())
             connection = contexts.enter_context(self._reader.database.begin(self._reader.borrowed))
-            self._begin(Repository(connection, self._reader.kb, self._reader.cache))
+            self._begin(Repository(connection, self._reader.kb, self._reader.memory))
             self._contexts = contexts.pop_all()
         self._is_open = True
         return self
@@ -121,9 +121,8 @@ class OpenTransaction:
             return
         # an error in storing rolls back, like one in the block
         with self._contexts, gc_paused():
-            self.result, new_timelines = self._store()
-        for timeline in new_timelines:
-            self._reader.cache.put(timeline)
+            self.result, head, new_timelines = self._store()
+        self._reader.memory.acknowledge(head, new_timelines)
 
     def _open_handlers(self) -> Handlers:
         """The handlers, inside the block only: updates before or after it would be lost in silence."""
@@ -133,8 +132,8 @@ class OpenTransaction:
 
     # -- storing ----------------------------------------------------------------------------------------------
 
-    def _store(self) -> tuple[Transaction, Sequence[Timeline]]:
-        """Write the changes, if there are any (rule C1). Returns the transaction, and the timelines that are new."""
+    def _store(self) -> tuple[Transaction, Head, Sequence[Timeline]]:
+        """Write the changes, if there are any (rule C1). Returns the transaction, the head and the new timelines."""
         if not self._is_whole:
             raise InvalidKnowledge("a load has failed half-way in this transaction; nothing of it has been stored")
         if self._reader.use_unknowns:
@@ -147,7 +146,7 @@ class OpenTransaction:
             writes.domain = DomainRow(domain.name, domain.source, json.dumps(sorted(domain.sensed)))
         writes.changes += (writes.domain is not None) + self._executor.changes
         if not writes.changes:
-            return Transaction(self._head.number, self.now, self._client, self._note, 0), ()
+            return Transaction(self._head.number, self.now, self._client, self._note, 0), self._head, ()
         writes.symbols = [
             SymbolRow(int(kind), name_key, shape.name, shape.arity, " ".join(shape.labels or ()))
             for (kind, name_key), shape in self._symbols.shapes.items()
@@ -159,7 +158,7 @@ class OpenTransaction:
             if not self._repository.find(Role.LOAD, KnowledgeType.EXPRESSION, [digest])
         ]
         head = self._repository.save(writes, self._head, self.now, client=self._client, note=self._note)
-        return Transaction(head.number, self.now, self._client, self._note, writes.changes), writes.timelines
+        return Transaction(head.number, self.now, self._client, self._note, writes.changes), head, writes.timelines
 
     def _apply(self, steps: Iterable[Step]) -> None:
         """Take steps one after another, or none of them; report all violations together (rule D1)."""

@@ -1,0 +1,140 @@
+"""What a process remembers of a knowledge base, and how it notices that the store has gone back.
+
+A store goes back when a backup is restored over it, when an asynchronous standby takes over, or when its file is
+copied back. From then on numbers of timelines, of versions and of transactions may mean something else. Each
+transaction has a random token, so that one comparison tells: the store has gone back if it is at a lower number than
+before, or if the last transaction that was seen has another token now.
+"""
+
+import threading
+from collections import defaultdict
+from collections.abc import Callable, Iterable
+from typing import NamedTuple
+
+from kbstore.caches import LRU, TIMELINES
+from kbstore.errors import StoreWentBack
+from kbstore.messages import KnowledgeType
+from kbstore.model.timelines import Role, Timeline
+from kbstore.storage.records import Head
+
+
+class Mark(NamedTuple):
+    """A transaction, by its number and its token."""
+
+    number: int
+    token: int
+
+
+class TimelineCache:
+    """The timelines that this process has seen: they never change, so a row needs only their number."""
+
+    def __init__(self, bound: int = TIMELINES) -> None:
+        self.by_id: LRU[int, Timeline] = LRU(bound)
+        self.by_key: dict[tuple[Role, KnowledgeType], LRU[str, Timeline]] = defaultdict(lambda: LRU(bound))
+
+    def put(self, timeline: Timeline) -> None:
+        """Remember a timeline that is committed."""
+        self.by_id.put(timeline.id, timeline)
+        self.by_key[timeline.role, timeline.kind].put(timeline.key, timeline)
+
+
+class Progress:
+    """How far the record was when it was last looked at; shared by copies of a memory.
+
+    Attributes:
+        seen: the last transaction that has been seen.
+        acknowledged: the last of this process's own.
+        returns: how often the store has gone back.
+        is_gone: whether it has gone back to before the knowledge base was made.
+    """
+
+    def __init__(self) -> None:
+        self.seen = Mark(0, 0)
+        self.acknowledged: Mark | None = None
+        self.returns = 0
+        self.is_gone = False
+        self.forgetting: list[Callable[[], None]] = []
+        self.lock = threading.Lock()
+
+
+class StoreMemory:
+    """What this process remembers of one knowledge base.
+
+    A copy shares everything but the timelines.
+
+    Attributes:
+        timelines: those that have been read or written.
+        progress: how far the record has been seen.
+    """
+
+    def __init__(self, name: str = "", bound: int = TIMELINES) -> None:
+        self.name = name
+        self.timelines = TimelineCache(bound)
+        self._bound = bound
+        self.progress = Progress()
+        self.progress.forgetting.append(self._forget_timelines)
+
+    def gone(self) -> StoreWentBack:
+        """The error for a knowledge base that is not in the store any more; from now on it is refused."""
+        self.progress.is_gone = True
+        number = self.progress.seen.number
+        return StoreWentBack(
+            f"the store has gone back: {self.name} was at transaction {number}, and there is no such knowledge base "
+            "any more (transaction 0); open what is there now with kbstore.open()"
+        )
+
+    def when_gone_back(self, forget: Callable[[], None]) -> None:
+        """Have something called whenever the store has gone back."""
+        self.progress.forgetting.append(forget)
+
+    def acknowledge(self, head: Head, timelines: Iterable[Timeline]) -> None:
+        """Remember where the record stands for this process, and the timelines that it made in a transaction."""
+        with self.progress.lock:
+            self.progress.seen = self.progress.acknowledged = Mark(head.number, head.token)
+        for timeline in timelines:
+            self.timelines.put(timeline)
+
+    def look(self, seen: Mark, now: Mark, token_of: Callable[[int], int | None]) -> bool:
+        """Take note of where the record stands.
+
+        Args:
+            seen: what had been seen before the record was looked at.
+            now: the last transaction.
+            token_of: reads the token of a transaction; None if it is not stored any more.
+
+        Returns:
+            Whether the store has gone back; everything that was remembered is forgotten then.
+
+        Raises:
+            StoreWentBack: a transaction of this process is gone. It is told once.
+        """
+        progress = self.progress
+        if now.number > seen.number and (not seen.number or token_of(seen.number) == seen.token):
+            with progress.lock:
+                if now.number > progress.seen.number:
+                    progress.seen = now
+            return False
+        with progress.lock:
+            own = progress.acknowledged
+            if progress.seen != now:
+                progress.seen = now
+                progress.returns += 1
+                for forget in progress.forgetting:
+                    forget()
+            self._forget_timelines()
+            if own is None or (own.number <= now.number and token_of(own.number) in (own.token, None)):
+                return True
+            progress.acknowledged = None
+        raise went_back(self.name, own.number, now.number)
+
+    def _forget_timelines(self) -> None:
+        self.timelines = TimelineCache(self._bound)
+
+
+def went_back(name: str, known: int, now: int) -> StoreWentBack:
+    """The error for a store that was at the transaction `known`, and is now at the transaction `now`."""
+    where = f"has another transaction {known}" if now == known else f"is at transaction {now}"
+    return StoreWentBack(
+        f"the store has gone back: {name} was at transaction {known}, and {where}; a backup was restored, or a "
+        "standby took over. Transactions are lost: read the state again, and tell what is still true"
+    )

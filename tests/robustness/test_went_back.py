@@ -1,0 +1,331 @@
+"""A store that goes back under a running process: a backup is restored, a file copied back, a standby takes over.
+
+Numbers of timelines, versions and transactions then mean something else. No answer and no write may go by a number
+that was remembered; and who had transactions acknowledged that are lost is told once.
+"""
+
+import shutil
+import sqlite3
+import threading
+import time
+import uuid
+
+import psycopg
+import pytest
+import sqlalchemy as sa
+
+import kbstore
+from kbstore import StoreUnavailable, StoreWentBack
+
+DOMAIN = "(define (domain rooms) (:types room) (:predicates (clean ?p - room)) (:functions (dust ?p - room)))"
+OTHER = "(define (domain rooms) (:types room) (:predicates (tidy ?p - room) (clean ?p - room)))"
+
+
+class Restorable:
+    """A store that can be saved and restored under those that use it."""
+
+    def __init__(self, url, save, restore):
+        self.url = url
+        self.save = save
+        self.restore = restore
+
+
+@pytest.fixture
+def sqlite_store(tmp_path):
+    """An SQLite file, restored by the backup API: the same file, other content."""
+
+    def copy(source, target):
+        first, second = sqlite3.connect(source), sqlite3.connect(target)
+        first.backup(second)
+        first.close()
+        second.close()
+
+    path, saved = tmp_path / "store.db", tmp_path / "saved.db"
+    return Restorable(f"sqlite:///{path}", lambda: copy(path, saved), lambda: copy(saved, path))
+
+
+@pytest.fixture
+def postgresql_store(postgresql_url):
+    """A database, dropped and made anew from a copy, as pg_restore and a fail-over do."""
+    server = sa.make_url(postgresql_url)
+    admin = server.set(drivername="postgresql").render_as_string(hide_password=False)
+    name = f"back_{uuid.uuid4().hex[:8]}"
+
+    def run(*statements):
+        with psycopg.connect(admin, autocommit=True) as connection:
+            for statement in statements:
+                connection.execute(statement)
+
+    def save():
+        terminate = f"SELECT pg_terminate_backend(pid) FROM pg_stat_activity WHERE datname = '{name}'"
+        run(terminate, f"CREATE DATABASE {name}_saved TEMPLATE {name}")
+
+    def restore():
+        run(f"DROP DATABASE {name} WITH (FORCE)", f"CREATE DATABASE {name} TEMPLATE {name}_saved")
+
+    run(f"CREATE DATABASE {name}")
+    yield Restorable(server.set(database=name).render_as_string(hide_password=False), save, restore)
+    run(*(f"DROP DATABASE IF EXISTS {each} WITH (FORCE)" for each in (name, f"{name}_saved")))
+
+
+@pytest.fixture(params=["sqlite", "postgresql"])
+def store(request):
+    """A store that can be restored, on each engine."""
+    return request.getfixturevalue(f"{request.param}_store")
+
+
+@pytest.fixture
+def opened():
+    """Opens knowledge bases, and closes them after the test."""
+    bases = []
+
+    def opening(*arguments, **options):
+        bases.append(kbstore.open(*arguments, **options))
+        return bases[-1]
+
+    yield opening
+    for kb in bases:
+        kb.close()
+
+
+def until_connected(ask):
+    """What is answered once a connection that a restore has cut is told of."""
+    try:
+        return ask()
+    except StoreUnavailable:
+        return ask()
+
+
+def rooms(letter):
+    return [f"{letter}{n} - room" for n in range(20)], [f"(clean {letter}{n})" for n in range(20)]
+
+
+@pytest.fixture
+def lost(store, opened):
+    """A process whose last two transactions are gone, and whose timelines have the numbers of another's now."""
+    kb = opened(store.url, "kenny")
+    kb.load(DOMAIN)
+    kb.add("hall - room")
+    store.save()
+    for items in rooms("r"):
+        until_connected(lambda: kb.add(*items))  # noqa: B023 - called at once
+    assert kb.holds("(clean r5)")
+    assert kb.state().facts
+    store.restore()
+    other = opened(store.url, "kenny")
+    for items in rooms("q"):
+        other.add(*items)
+    return kb, other
+
+
+def test_who_lost_transactions_is_told_once(lost):
+    """The first question or transaction is `StoreWentBack`, with both numbers; the next takes the store as it is."""
+    kb, other = lost
+    with pytest.raises(StoreWentBack, match=r"kenny was at transaction 4, and has another transaction 4"):
+        until_connected(lambda: kb.holds("(clean r5)"))
+    assert not kb.holds("(clean r5)")
+    assert kb.holds("(clean q5)")
+    assert kb.add("(clean hall)").number == 5
+    assert other.holds("(clean hall)")
+
+
+def test_nothing_is_written_by_a_number_that_was_remembered(lost):
+    """What is removed is what was meant, or nothing: not what has its number now."""
+    kb, other = lost
+    with pytest.raises(StoreWentBack):
+        until_connected(lambda: kb.remove("(clean r5)"))
+    kb.remove("(clean r5)", "(clean q7)")
+    assert [n for n in range(20) if not other.holds(f"(clean q{n})")] == [7]
+
+
+@pytest.mark.parametrize(
+    "ask",
+    [
+        lambda kb: kb.holds("(clean r5)"),
+        lambda kb: kb.holds("(exists (?r - room) (clean ?r))"),
+        lambda kb: kb.state(),
+        lambda kb: kb.history("(clean r5)"),
+        lambda kb: list(kb.changes()),
+        lambda kb: kb.when("(clean r5)", 0, kbstore.seconds(10)),
+        lambda kb: kb.explain("(clean r5)"),
+        lambda kb: kb.to_pddl(),
+        lambda kb: kb.transaction(note="none").__enter__(),
+    ],
+    ids=["point", "condition", "state", "history", "changes", "when", "explain", "pddl", "transaction"],
+)
+def test_every_way_in_tells(lost, ask):
+    """Whatever is asked or done first, it is told before anything is answered or written."""
+    kb, other = lost
+    with pytest.raises(StoreWentBack):
+        until_connected(lambda: ask(kb))
+    assert len(other.state().facts) == 20
+    assert {str(fact) for fact in kb.state().facts} == {f"(clean q{n})" for n in range(20)}
+
+
+def test_who_only_read_is_not_told_but_answered_right(store, opened):
+    """A process that lost nothing of its own goes on, with nothing that it remembers from before."""
+    writer, reader = opened(store.url, "kenny"), opened(store.url, "kenny")
+    writer.load(DOMAIN)
+    store.save()
+    for items in rooms("r"):
+        until_connected(lambda: writer.add(*items))  # noqa: B023 - called at once
+    assert until_connected(lambda: reader.holds("(clean r5)"))
+    assert not reader.holds("(clean r50)")
+    store.restore()
+    other = opened(store.url, "kenny")
+    other.load(OTHER)
+    for items in rooms("q"):
+        other.add(*items)
+    other.add("(tidy q1)")
+    assert until_connected(lambda: reader.holds("(tidy q1)"))
+    assert not reader.holds("(clean r5)")
+    assert reader.holds("(clean q5)")
+    assert [str(fact) for fact in reader.state().facts if "tidy" in str(fact)] == ["(tidy q1)"]
+    reader.remove("(clean q5)")
+    assert [n for n in range(20) if not other.holds(f"(clean q{n})")] == [5]
+
+
+def test_more_was_written_since_than_was_lost(lost):
+    """A number that is higher than before does not hide it: the token of the last seen transaction is asked for."""
+    kb, other = lost
+    for n in range(5):
+        other.add(f"(= (dust q{n}) 1)")
+    with pytest.raises(StoreWentBack, match=r"kenny was at transaction 4, and is at transaction 9"):
+        until_connected(lambda: kb.value("(dust q1)"))
+    assert kb.value("(dust q1)") == 1
+
+
+def test_a_store_that_only_went_on_is_not_back(store, opened):
+    """Transactions of others are no reason to forget: nobody is told, and nothing is lost."""
+    kb, other = opened(store.url, "kenny"), opened(store.url, "kenny")
+    kb.load(DOMAIN)
+    kb.add("hall - room", "(clean hall)")
+    for n in range(5):
+        other.add(f"(= (dust hall) {n})")
+        assert kb.value("(dust hall)") == n
+        assert kb.holds("(clean hall)")
+    assert kb.remove("(clean hall)").number == 8
+    assert not kb._reader.memory.progress.returns
+
+
+def test_readers_and_writers_in_threads_raise_no_false_alarm(store, opened):
+    """A snapshot that is older than what another thread has written since is not an earlier store."""
+    kb = opened(store.url, "kenny")
+    kb.load(DOMAIN)
+    kb.add("hall - room")
+    errors = []
+
+    def work(change):
+        try:
+            for n in range(40):
+                if change:
+                    kb.add(f"(= (dust hall) {n})")
+                else:
+                    kb.state()
+                    kb.holds("(clean hall)")
+        except Exception as error:
+            errors.append(error)
+
+    threads = [threading.Thread(target=work, args=(n % 2 == 0,)) for n in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert not errors
+    assert not kb._reader.memory.progress.returns
+
+
+def test_a_follower_is_told(lost):
+    """Q6: who follows changes would miss those that have the numbers of others now; it is told with both numbers."""
+    kb, other = lost
+    with pytest.raises(StoreWentBack):
+        until_connected(lambda: list(kb.watch(after=4, timeout=0)))
+    with pytest.raises(StoreWentBack, match="was at transaction 9, and is at transaction 4"):
+        list(other.changes(after=9))
+    assert [change.number for change in other.changes(after=2)] == [3, 4]
+
+
+def test_a_watch_under_way_is_told(store, opened):
+    """A watch that waits raises at its next look, and does not go on with the numbers of before."""
+    kb, reader = opened(store.url, "kenny"), opened(store.url, "kenny")
+    kb.load(DOMAIN)
+    kb.add("hall - room")
+    store.save()
+    until_connected(lambda: kb.add("r1 - room"))
+    watching = reader.watch(after=2, timeout=30)
+    assert until_connected(lambda: next(watching)).number == 3
+    store.restore()
+    other = opened(store.url, "kenny")
+    other.add("q1 - room")
+    with pytest.raises((StoreWentBack, StoreUnavailable)):
+        next(watching)
+
+
+def test_a_knowledge_base_that_is_not_there_any_more(store, opened):
+    """Where the store goes back to before it was made, it is said so, and its number is not taken for another's."""
+    first = opened(store.url, "kenny")
+    first.load(DOMAIN)
+    store.save()
+    second = until_connected(lambda: opened(store.url, "robin"))
+    until_connected(lambda: second.load(DOMAIN))
+    second.add("hall - room")
+    store.restore()
+    third = opened(store.url, "rita")
+    third.load(DOMAIN)
+    third.add("cellar - room")
+    for ask in (second.state, lambda: second.add("attic - room")):
+        with pytest.raises(StoreWentBack):
+            until_connected(ask)
+    assert [str(item) for item in third.instances()] == ["cellar - room"]
+
+
+def test_a_file_that_was_copied_back(tmp_path, opened):
+    """The same file with other bytes: what a new connection finds is compared, too."""
+    path, saved = tmp_path / "store.db", tmp_path / "saved.db"
+    kb = opened(path, "kenny")
+
+    def in_a_thread(act):
+        found = []
+
+        def run():
+            try:
+                found.append(act())
+            except StoreWentBack as error:
+                found.append(error)
+
+        thread = threading.Thread(target=run)
+        thread.start()
+        thread.join()
+        return found[0]
+
+    kb.load(DOMAIN)
+    kb.add("hall - room")
+    kbstore.backup(path, saved)
+    kb.add(*rooms("r")[0])
+    kb.add(*rooms("r")[1])
+    kb._database._connections._drop(kb._database._connections._mine())
+    for suffix in ("-wal", "-shm"):
+        path.with_name(path.name + suffix).unlink(missing_ok=True)
+    shutil.copyfile(saved, path)
+    with kbstore.open(path, "kenny") as other:
+        other.add(*rooms("q")[0])
+        other.add(*rooms("q")[1])
+    assert isinstance(in_a_thread(lambda: kb.remove("(clean r5)")), StoreWentBack)
+    in_a_thread(lambda: kb.remove("(clean r5)"))
+    assert in_a_thread(lambda: len(kb.state().facts)) == 20
+
+
+def test_a_file_that_was_made_anew_is_told_to_readers(tmp_path, opened):
+    """Nothing is answered from a file that was deleted: it is said that another one is in its place."""
+    path = tmp_path / "store.db"
+    kb = opened(path, "kenny")
+    kb.add("a - thing", "(p a)")
+    assert kb.holds("(p a)")
+    for suffix in ("", "-wal", "-shm"):
+        path.with_name(path.name + suffix).unlink(missing_ok=True)
+    opened(path, "kenny").add("b - thing")
+    # looked for every 20 milliseconds at most
+    time.sleep(0.05)
+    for ask in (lambda: kb.holds("(p a)"), kb.state, lambda: kb.add("(p a)")):
+        with pytest.raises(StoreUnavailable, match="moved, deleted or replaced"):
+            ask()
