@@ -89,7 +89,10 @@ class Assertions(list[Assertion]):
 
 @dataclass(frozen=True, slots=True)
 class Change(Result):
-    """What one transaction did; or, from `watch`, what took effect by the clock alone at `time`."""
+    """What one transaction did; or, from `watch`, what took effect by the clock alone at `time`.
+
+    `broken` has the over-all conditions of runs that are broken from then on (rule O6), from `watch` without a pattern.
+    """
 
     number: int
     transaction: Transaction
@@ -97,6 +100,7 @@ class Change(Result):
     ended: list[Assertion] = field(default_factory=list)
     cancelled: list[Assertion] = field(default_factory=list)
     time: int = 0
+    broken: list["Broken"] = field(default_factory=list)
 
     @property
     def by_clock(self) -> bool:
@@ -104,7 +108,7 @@ class Change(Result):
         return self.time != self.transaction.time
 
     def __repr__(self) -> str:
-        parts = ("asserted", "ended", "cancelled")
+        parts = ("asserted", "ended", "cancelled", "broken")
         what = ", ".join(f"{len(getattr(self, part))} {part}" for part in parts if getattr(self, part))
         clock = " by the clock" if self.by_clock else ""
         return f"Change({self.number} at {isoformat(self.time)}{clock}: {what or 'nothing'})"
@@ -190,6 +194,8 @@ class Broken(Result):
     truth: Truth
     since: int
     until: int | None = None
+    run: int = field(default=0, compare=False)
+    """The number of the run."""
 
     def __str__(self) -> str:
         until = "" if self.until is None else f" until {isoformat(self.until)}"

@@ -53,6 +53,16 @@ class Runs:
                 raise InvalidKnowledge(f"{run} is not a run of {self._reader.name}; give what start() returned")
             return self._broken(repository, row)
 
+    def beginning(self, repository: Repository, first: int, last: int) -> list[Broken]:
+        """Return what breaks from a time in ``[first, last]`` on, in the order of these times."""
+        found = [
+            broken
+            for row in repository.runs_between(first, last + 1)
+            for broken in self._broken(repository, row)
+            if first <= broken.since <= last
+        ]
+        return sorted(found, key=lambda broken: broken.since)
+
     def _run(self, repository: Repository, row: RunRow) -> Run:
         return as_run(row, tuple(self._broken(repository, row)))
 
@@ -78,7 +88,7 @@ class Runs:
         is_open = row.end_time == OPEN
         return sorted(
             (
-                Broken(text, truth, start, None if is_open and end == last else end)
+                Broken(text, truth, start, None if is_open and end == last else end, row.number)
                 for text, found in pieces.items()
                 for start, end, truth in _joined(found)
                 if truth is not Truth.TRUE

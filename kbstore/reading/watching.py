@@ -15,6 +15,7 @@ from kbstore.reading.history import History
 from kbstore.reading.patterns import Pattern
 from kbstore.reading.questions import Knowledge
 from kbstore.reading.reader import Reader
+from kbstore.reading.runs import Runs
 from kbstore.storage.memory import went_back
 from kbstore.storage.records import LogPosition
 from kbstore.storage.repository import Repository
@@ -94,6 +95,9 @@ class ChangeWatch(Watch[Change]):
         self._reader = reader
         self._returns = reader.memory.progress.returns
         self._history = history
+        self._runs = Runs(reader)
+        self._delivered: set[tuple[int, str, int]] = set()
+        """The latest breaks that have been delivered: run, condition, since when."""
         self._pattern = pattern
         if pattern is not None:
             with reader.repository() as repository:
@@ -113,7 +117,10 @@ class ChangeWatch(Watch[Change]):
             number = repository.head().number
             if self._reader.memory.progress.returns != self._returns:
                 raise went_back(self._reader.name, self._last.number, number)
-            changes, self._seen = self._next(repository, self._last, self._seen)
+            before = self._seen
+            changes, self._seen = self._next(repository, self._last, before)
+            if self._pattern is None:
+                changes = self._with_breaks(repository, changes, before)
             symbol_table = self._symbols(repository)
         for change in changes:
             self._last = change.transaction
@@ -150,6 +157,25 @@ class ChangeWatch(Watch[Change]):
             found += self._by_clock(repository, last, seen, now)
             seen = max(seen, now)
         return found, seen
+
+    def _with_breaks(self, repository: Repository, changes: list[Change], after: int) -> list[Change]:
+        """Put in what breaks of what runs, at the time at which it begins to be broken (rule O6)."""
+        if not repository.head().last_run:
+            return changes
+        times = {change.time for change in changes}
+        for broken in self._runs.beginning(repository, after, self._seen):
+            key = (broken.run, broken.condition, broken.since)
+            if key in self._delivered or (broken.since <= after and broken.since not in times):
+                continue
+            self._delivered = {other for other in self._delivered if other[2] >= after} | {key}
+            place = sum(change.time <= broken.since for change in changes)
+            if place and changes[place - 1].time == broken.since:
+                change = changes[place - 1]
+                changes[place - 1] = replace(change, broken=[*change.broken, broken])
+            else:
+                transaction = changes[place - 1].transaction if place else self._last
+                changes.insert(place, Change(transaction.number, transaction, time=broken.since, broken=[broken]))
+        return changes
 
     def _by_clock(self, repository: Repository, last: Transaction, seen: int, upto: int) -> list[Change]:
         if upto <= seen:

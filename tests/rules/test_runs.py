@@ -124,6 +124,43 @@ def test_what_is_not_a_run_is_refused(plant, wrong):
         plant.broken(wrong)
 
 
+def test_a_break_is_delivered_as_it_begins(plant, clock):
+    """O6, Q6: by a transaction or by the clock alone, once; a reader that goes on misses none."""
+    run = plant.start("go", "p")
+    last = list(plant.changes())[-1]
+    plant.add("(= (level) 60)", initial_time=START + seconds(6))
+    at(clock, 2)
+    plant.add("(fault)")
+    at(clock, 3)
+    plant.remove("(fault)")
+    at(clock, 8)
+    plant.add("(sealed)")
+    changes = list(plant.watch(after=last.number, timeout=0))
+    assert [(c.time - START, [(b.condition, b.run) for b in c.broken]) for c in changes] == [
+        (0, []),
+        (seconds(2), [("(not (fault))", run.number)]),
+        (seconds(3), []),
+        (seconds(6), [("(or (sealed) (not (hot)))", run.number)]),
+        (seconds(8), []),
+    ]
+    (change, *_) = [c for c in plant.watch(after=changes[1], timeout=0) if c.broken]
+    assert change.time == START + seconds(6)
+    assert not any(c.broken for c in plant.watch("(sealed)", after=last.number, timeout=0))
+
+
+def test_a_number_that_crosses_breaks_by_the_clock(plant, clock):
+    """O6: where nothing else happens at that time; the level is 30 - 2 a second, and has to stay at 4."""
+    plant.start("drain", "p")
+    watching = plant.watch(timeout=0)
+    at(clock, 9)
+    plant.add("(= (level) 8)")
+    at(clock, 12)
+    (change, crossed) = watching
+    assert (change.broken, crossed.by_clock, crossed.time) == ([], True, START + seconds(11) + 1)
+    assert [b.condition for b in crossed.broken] == ["(>= (level) (limit))"]
+    assert list(plant.watch(after=crossed, timeout=0)) == []
+
+
 # -- O6: what is expected -----------------------------------------------------------------------------------------
 
 
