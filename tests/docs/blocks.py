@@ -19,7 +19,7 @@ from typer.testing import CliRunner
 from kbstore.cli.app import app
 
 ROOT = Path(__file__).parents[2]
-DOCUMENTS = sorted([ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md", *ROOT.glob("docs/**/*.md")])
+DOCUMENTS = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")])
 RUN = {"python", "sh"}
 DATA = {"sql", "pddl", "json", "text", "ini"}
 """The languages of blocks: those that are run, and those that are not (SQL has a test of its own)."""

@@ -1,0 +1,68 @@
+"""The roles of docs/operations.md, made by its own statements: each can do what it is for, and nothing else."""
+
+import psycopg
+import pytest
+import sqlalchemy as sa
+
+import kbstore
+from kbstore.storage import schema
+from tests.docs.blocks import ROOT, blocks
+
+ROLES = ("kbstore_owner", "kbstore_robot", "kbstore_service", "kbstore_analyst")
+
+
+@pytest.fixture
+def server(empty_database):
+    """The URLs of a database, by role, on which the statements of the page have been run."""
+    url = sa.make_url(empty_database)
+    by_role = {role: url.set(username=role) for role in ROLES}
+    before, after = (block.text for block in blocks(ROOT / "docs" / "operations.md") if block.language == "sql")
+    with psycopg.connect(_driver(url), autocommit=True) as admin:
+        for statements in (before, None, after):
+            if statements is None:
+                schema.upgrade(by_role["kbstore_owner"], schema="kbstore")
+            else:
+                admin.execute(statements)
+        yield by_role
+        for role in ROLES:
+            admin.execute(f"DROP OWNED BY {role} CASCADE")
+            admin.execute(f"DROP ROLE {role}")
+
+
+def _driver(url):
+    return url.set(drivername="postgresql").render_as_string(hide_password=False)
+
+
+def test_each_role_can_do_what_it_is_for(server):
+    """A robot creates a knowledge base and writes, a service reads it, an analyst reads the views."""
+    with kbstore.open(server["kbstore_robot"], "kenny", schema="kbstore") as kb:
+        kb.add("hall - room", "(open hall)", client="kenny")
+        kb.remove("(open hall)")
+        kb.clear()
+    with kbstore.open(server["kbstore_service"], "kenny", schema="kbstore", read_only=True) as kb:
+        assert [str(found.item) for found in kb.history("(open ?)")] == ["(open hall)"]
+    with psycopg.connect(_driver(server["kbstore_analyst"])) as connection:
+        assert connection.execute("SELECT fact FROM kbstore.fact_history").fetchall() == [("(open hall)",)]
+        for view in schema.VIEWS:
+            connection.execute(f"SELECT * FROM kbstore.{view}")
+
+
+def test_no_role_can_do_more(server):
+    """A service cannot write, an analyst cannot read tables, a robot cannot change the schema or its revision."""
+    with (
+        pytest.raises(kbstore.StoreUnavailable, match="permission denied"),
+        kbstore.open(server["kbstore_service"], "kenny", schema="kbstore") as kb,
+    ):
+        kb.add("(open hall)")
+    for role, statement in (
+        ("kbstore_analyst", "SELECT * FROM kbstore.facts"),
+        ("kbstore_analyst", "DELETE FROM kbstore.facts"),
+        ("kbstore_robot", "DROP TABLE kbstore.facts"),
+        ("kbstore_robot", "UPDATE kbstore.kbstore_alembic_version SET version_num = '0001'"),
+        ("kbstore_robot", "CREATE TABLE kbstore.other (id integer)"),
+    ):
+        with (
+            psycopg.connect(_driver(server[role])) as connection,
+            pytest.raises(psycopg.errors.InsufficientPrivilege),
+        ):
+            connection.execute(statement)
