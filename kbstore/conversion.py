@@ -100,7 +100,7 @@ def operator_message(action: Action, constants: Mapping[str, str] | None = None)
     """The operator as the message carries it.
 
     Its lists hold the conjuncts that are atoms, negated atoms or comparisons, and the effects that add, delete or
-    assign; a continuous effect stands among those at start, where it begins. A formula's label is the operator's
+    assign; a continuous effect is listed at start, where it begins. A formula's label is the operator's
     variable, or the name of a constant, and its value the type of that (of constants, as `constants` has it). What
     the message cannot carry is left to the `Action`.
     """

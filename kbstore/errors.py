@@ -20,7 +20,7 @@ class KbStoreError(Exception):
 
 
 class InvalidKnowledge(KbStoreError, ValueError):
-    """What was to be stored does not fit the domain, the objects or the shape of knowledge.
+    """Knowledge or a question does not fit the domain, the objects, or the shape of knowledge.
 
     ``violations`` has one sentence for each thing that is wrong; nothing of the transaction has been stored.
     """

@@ -250,7 +250,7 @@ class KnowledgeBase:
     def add_metric(
         self, *metrics: Knowledge, initial_time: TimeLike | None = None, client: str = "", note: str = ""
     ) -> Transaction:
-        """Set the metric, as ``minimize (total-time)``; it replaces the one that stands."""
+        """Set the metric, as ``minimize (total-time)``; it replaces any other."""
         with self.transaction(client=client, note=note) as tx:
             tx.add_metric(*metrics, initial_time=initial_time)
         return tx.result
@@ -282,15 +282,14 @@ class KnowledgeBase:
     ) -> Ingested:
         """Add the items of an iterable that need not fit into memory, in one transaction for each `batch` of them.
 
-        What went wrong in one batch leaves those before it stored, and says so: nothing of that batch, and nothing
-        after it, is.
+        A batch that fails is rolled back and ends the ingestion; the batches before it stay committed.
 
         Args:
-            items: whatever `add` takes, as many as there are.
+            items: what `add` takes, any number of them.
             batch: how many items a transaction takes.
             client: who adds them.
             note: why.
-            progress: told after each batch how many items have been stored by now.
+            progress: called after each batch with the number of items stored so far.
 
         Raises:
             InvalidKnowledge: with the violations of one batch, each with the number of its item, counted from 1.
@@ -324,7 +323,7 @@ class KnowledgeBase:
         return tx.result
 
     def clear(self, *, client: str = "", note: str = "") -> Transaction:
-        """End everything that stands, cancel everything scheduled, abort what runs; history remains."""
+        """End everything that holds, cancel everything scheduled, abort what runs; history remains."""
         with self.transaction(client=client, note=note) as tx:
             tx.clear()
         return tx.result
@@ -341,7 +340,7 @@ class KnowledgeBase:
     ) -> Transaction:
         """Load a PDDL domain, and a problem, from paths or text, in one transaction.
 
-        A `unified_planning` Problem is loaded as both, in its own names (rule P7). A problem adds to what stands; with
+        A `unified_planning` Problem is loaded as both, in its own names (rule P7). A problem adds to what holds; with
         `replace`, everything is cleared first. Its timed-initial knowledge is relative to now. With `once`, nothing
         happens where this knowledge base has ever loaded the same texts, also after `clear`: for services that load
         at each start.
@@ -359,7 +358,7 @@ class KnowledgeBase:
     # -- the state --------------------------------------------------------------------------------------------
 
     def state(self, at: TimeLike | None = None, as_of: AsOf | None = None) -> State:
-        """Everything that stood at a time; with `as_of` (a time or a `Transaction`), as it was believed then."""
+        """Return the state at a time; with `as_of` (a time or a `Transaction`), as it was believed then."""
         with self._reader.repository() as repository:
             return self._reader.state(repository, self._reader.resolver.resolve(repository, at, as_of))
 
@@ -549,7 +548,7 @@ class KnowledgeBase:
             return when_true(self._reader, repository, condition, first, last)
 
     def diff(self, t1: TimeLike, t2: TimeLike) -> Diff:
-        """What became true, became false, was withdrawn, and which numbers changed, from `t1` to `t2` (rule Q5)."""
+        """Return what became true, false or was withdrawn, and how numbers changed, from `t1` to `t2` (rule Q5)."""
         with self._reader.repository() as repository:
             before, after = (
                 self._reader.state(repository, self._reader.resolver.resolve(repository, at)) for at in (t1, t2)
@@ -753,7 +752,7 @@ class KnowledgeBase:
             InvalidTime: the time lies after the latest transaction.
             HistoryUnavailable: what was before has been archived already, or between the file and the store some
                 history would be missing.
-            InvalidKnowledge: the file is no archive, or that of another knowledge base.
+            InvalidKnowledge: the file is not an archive, or that of another knowledge base.
             StoreUnavailable: the store or the file cannot be reached, or the file turned out not to be sound.
         """
         self._refuse_writing()

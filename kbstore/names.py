@@ -79,7 +79,7 @@ def problem(name: str) -> str | None:
     if len(name) > MAX_LENGTH:
         return f"has {len(name)} characters; at most {MAX_LENGTH} are accepted"
     if name[0] == "?":
-        return "is a variable; knowledge speaks of objects by name"
+        return "is a variable; knowledge refers to objects by name"
     found = _FORBIDDEN.search(name)
     if found:
         return (

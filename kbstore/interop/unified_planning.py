@@ -46,11 +46,11 @@ def to_problem(state: "State", *, environment: Any = None) -> Any:
 
     Names are spelled as the domain spells them. Absent facts are false, also where they are unknown. Timed-initial
     knowledge, and the end effects of what runs, become timed effects relative to the state's time; a function that
-    only running actions move stands still until their ends. Recorded inequalities are statements, and no part of a
+    only running actions move stands still until their ends. Recorded inequalities are statements, and not part of a
     problem.
 
     Args:
-        state: what stands.
+        state: the state to plan from.
         environment: the ``Environment`` of unified_planning; the library's global one unless given. A domain that
             gives one name to several things (a predicate ``open`` and an operator ``open``) gets an environment of
             its own that permits it.
@@ -227,7 +227,7 @@ class _Translation:
 
 
 def _subject(item: KnowledgeItem) -> tuple[object, ...]:
-    """What an item speaks of: a fact, a function, or itself."""
+    """The thing that an item is about: a fact, a function, or the item itself."""
     return (item.knowledge_type, *item.key) if isinstance(item, Fact | Function) else (str(item),)
 
 

@@ -92,7 +92,7 @@ class ActionTranslator:
         return self._up.model.timing.DurationInterval(least, most, least_open, most_open)
 
     def _duration_value(self, action: Action, moment: Timing, scope: UpVariables) -> Any:
-        """What stands for ``?duration`` at a moment, None if nothing does.
+        """The value of ``?duration`` at a part of the action; None if there is none.
 
         There is no word for it in unified_planning; a duration that the domain fixes can be written out where it is
         the same as at the start.

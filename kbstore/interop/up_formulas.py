@@ -1,4 +1,4 @@
-"""Expressions and conditions as those of unified_planning."""
+"""Translation of expressions and conditions to those of unified_planning."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from fractions import Fraction
@@ -29,13 +29,13 @@ from kbstore.names import key
 from kbstore.pddl.printer import condition_text
 
 UpVariables = Mapping[str, Any]
-"""What each variable stands for, by the variable's key: a parameter or a variable of unified_planning."""
+"""The parameter or variable of unified_planning for each variable, by its key."""
 
 NOTHING: UpVariables = {}
 
 
 class FormulaTranslator:
-    """Translates formulas; whatever has no counterpart is `InvalidKnowledge` that names it."""
+    """Translates formulas; what has no counterpart is `InvalidKnowledge` that names it."""
 
     def __init__(self, symbols: SymbolTranslator) -> None:
         self.symbols = symbols

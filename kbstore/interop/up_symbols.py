@@ -30,7 +30,7 @@ def library() -> Any:
 
 
 class Refusals:
-    """What unified_planning cannot express, collected so that all of it is reported together."""
+    """Collects what unified_planning cannot express, so that all of it is reported together."""
 
     def __init__(self) -> None:
         self.violations: list[str] = []
@@ -56,7 +56,7 @@ class Refusals:
 
 
 class SymbolTranslator:
-    """What a problem speaks of, found by name whatever the case, and spelled as the domain spells it.
+    """Translates the symbols of a problem; finds them by name in any case, and spells them as the domain does.
 
     A predicate or function of an ``either`` type takes the nearest common supertype. The type ``object`` is made only
     where something is of that type, so that flat domains stay flat.

@@ -5,7 +5,7 @@ from typing import NoReturn
 
 
 class KnowledgeType(IntEnum):
-    """What a knowledge item describes."""
+    """The type of a knowledge item."""
 
     # an enum hashes by its name, in Python; these are parts of keys on the hot path
     __hash__ = int.__hash__
@@ -18,7 +18,7 @@ class KnowledgeType(IntEnum):
 
 
 class UpdateType(IntEnum):
-    """What an update does with its item."""
+    """The operation of an update."""
 
     ADD_KNOWLEDGE = 0
     ADD_GOAL = 1
@@ -60,7 +60,7 @@ class ComparisonType(IntEnum):
 
 
 class ExprType(IntEnum):
-    """What a token of an expression is."""
+    """The type of a token of an expression."""
 
     CONSTANT = 0
     FUNCTION = 1

@@ -36,12 +36,12 @@ def key_values(labels: Iterable[str], names: Iterable[str]) -> tuple[KeyValue, .
 
 @lru_cache(maxsize=KNOWN_VALUES)
 def _key_value(label: str, name: str) -> KeyValue:
-    """The same object each time: many facts speak of the same things."""
+    """Return the same object each time, as many facts refer to the same things."""
     return KeyValue.trusted(key=label, value=name)
 
 
 def _read_values(values: Any) -> Any:
-    """Labelled values from a mapping, or from a list of whatever `_read_value` reads."""
+    """Labelled values from a mapping, or from a list of what `_read_value` reads."""
     if isinstance(values, Mapping):
         return tuple({"key": label, "value": name} for label, name in values.items())
     if isinstance(values, str | bytes) or not isinstance(values, Iterable):

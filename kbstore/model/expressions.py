@@ -1,6 +1,6 @@
 """The abstract syntax of numeric expressions.
 
-Names stand here as they were written; whoever compares them does so by `kbstore.names.key`. Arguments that begin
+Names are kept as written, and compared by `kbstore.names.key`. Arguments that begin
 with ``?`` are variables.
 """
 

@@ -1,6 +1,6 @@
 """The abstract syntax of conditions and effects, and how to walk through them.
 
-Names stand here as they were written; whoever compares them does so by `kbstore.names.key`. Arguments that begin
+Names are kept as written, and compared by `kbstore.names.key`. Arguments that begin
 with ``?`` are variables; a bare ``?`` (or a free variable in a question) matches any object (rule V7).
 """
 

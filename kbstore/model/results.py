@@ -41,11 +41,11 @@ AsOf = TimeLike | Transaction
 
 @dataclass(frozen=True, slots=True)
 class Assertion(Result):
-    """One row of history: from `initial_time` until `end_time` (None while open), the item stood.
+    """One row of history: the item held from `initial_time` until `end_time` (None while open).
 
     `recorded`, `ended` and `cancelled` are the transactions that did so. An end that came, or is to come, by the
     clock (the next assertion, the end of an object) is the doing of the transaction that had scheduled it.
-    `is_goal` tells what was wanted from what stood.
+    `is_goal` tells a goal from a part of the state.
     """
 
     item: KnowledgeItem | Condition
@@ -89,7 +89,7 @@ class Assertions(list[Assertion]):
 
 @dataclass(frozen=True, slots=True)
 class Change(Result):
-    """What one transaction did; or, from `watch`, what took effect by the clock alone at `time`.
+    """The changes of one transaction; or, from `watch`, what took effect by the clock alone at `time`.
 
     `broken` has the over-all conditions of runs that are broken from then on (rule O6), from `watch` without a pattern.
     """
@@ -120,7 +120,7 @@ class Change(Result):
 
 @dataclass(frozen=True, slots=True)
 class Diff(Result):
-    """What differs between two times (rule Q5)."""
+    """The difference between two times (rule Q5)."""
 
     became_true: list[KnowledgeItem] = field(default_factory=list)
     became_false: list[KnowledgeItem] = field(default_factory=list)

@@ -1,4 +1,4 @@
-"""What symbols mean at a moment: the domain's declarations, or, without a domain, the shapes of their first use."""
+"""Symbol table: the domain's declarations, or, without a domain, signatures inferred from the first use."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -14,7 +14,7 @@ from kbstore.names import key
 
 
 class InferredSignature(NamedTuple):
-    """What a knowledge base without a domain keeps of a symbol (rule D2); unlabelled until labels are first given."""
+    """The signature of a symbol without a domain, from its first use (rule D2); without labels until some are given."""
 
     name: str
     arity: int
@@ -23,7 +23,7 @@ class InferredSignature(NamedTuple):
 
 @dataclass
 class SymbolTable:
-    """The symbols that items may use. `shapes` counts only where there is no domain."""
+    """The symbols that items may use; the inferred signatures in `shapes` count only without a domain."""
 
     domain: Domain | None = None
     shapes: dict[tuple[KnowledgeType, str], InferredSignature] = field(default_factory=dict)
@@ -58,7 +58,7 @@ class SymbolTable:
         return (KnowledgeType.FUNCTION, key(name)) in shapes and (KnowledgeType.FACT, key(name)) not in shapes
 
     def known(self, kind: KnowledgeType, name: str) -> bool:
-        """Whether a predicate or function may be asked about: without a domain, whatever there is."""
+        """Whether a predicate or function may be asked about; without a domain, any may."""
         try:
             self.signature(kind, name)
         except UnknownSymbol:

@@ -1,6 +1,6 @@
 """Timelines: what an assertion is about, and how a knowledge item becomes one and is read back.
 
-A timeline is the whole life of one ground thing in one role. What stands on it at a moment is a *value*: a tuple
+A timeline is the whole life of one ground thing in one role. What holds on it at a time is a *value*: a tuple
 of `is_negative` and the columns of the knowledge type's own table, in their order:
 
 ===========  ===============================================================
@@ -29,7 +29,7 @@ METRIC_KEY = ""
 
 
 class Role(IntEnum):
-    """What a timeline's assertions are for the knowledge base."""
+    """The role of a timeline's assertions in the knowledge base."""
 
     __hash__ = int.__hash__
 
@@ -51,7 +51,7 @@ class EndCause(IntEnum):
 
 
 class Identity(NamedTuple):
-    """What a timeline is about, in the form in which it is compared."""
+    """The identity of a timeline: role, knowledge type, and what it is about, as it is compared."""
 
     role: Role
     kind: KnowledgeType

@@ -44,7 +44,7 @@ _Kind = TypeVar("_Kind")
 
 
 def _asked(question: Question, symbol_table: SymbolTable) -> KnowledgeItem | Condition:
-    """What was asked, as an item, or as a condition where no item can carry it."""
+    """The question as an item, or as a condition where no item can carry it."""
     if isinstance(question, Condition):
         return question
     try:
