@@ -1,0 +1,31 @@
+"""The picture of the two axes of time shows what the demonstration's knowledge base answers (rules Q1, Q2)."""
+
+import re
+
+from kbstore.clock import SECOND
+from kbstore.demo.mission import START, record
+from tests.docs.blocks import ROOT
+
+FILL = {"#cfe8d5": True, "#f3cdcd": False, "#eeeeee": False}
+"""Whether the door is open, by the colour of an area."""
+
+ORIGIN, MINUTE = (150, 390), 32
+"""Where the mission begins, on both axes, and the length of a minute."""
+
+
+def test_each_area_is_what_was_believed():
+    """In the middle of each area, and a second within each of its edges."""
+    picture = (ROOT / "docs" / "bitemporal.svg").read_text()
+    areas = re.findall(r'<rect x="(\S+)" y="(\S+)" width="(\S+)" height="(\S+)" fill="(\S+)"', picture)
+    assert len(areas) == 11
+
+    def time(distance, beyond):
+        return START + round(distance / MINUTE * 60 + beyond) * SECOND
+
+    with record("sqlite://") as kb:
+        for *numbers, fill in areas:
+            x, y, width, height = map(float, numbers)
+            left, bottom = x - ORIGIN[0], ORIGIN[1] - y - height
+            for at in (time(left, 1), time(left + width / 2, 0), time(left + width, -1)):
+                for as_of in (time(bottom, 1), time(bottom + height / 2, 0), time(bottom + height, -1)):
+                    assert kb.holds("(open lab_door)", at=at, as_of=as_of) is FILL[fill], (at, as_of)
