@@ -33,17 +33,17 @@ _FLIPPED = {
 class ActionReader:
     """Reads the actions of a domain whose types, constants, predicates and functions are known."""
 
-    context: Scope
+    scope: Scope
 
     def read(self, group: Group) -> Action:
         """The action that an ``(:action ...)`` or ``(:durative-action ...)`` section declares."""
         if group.word(0) == ":durative-action":
             return self._durative(group)
-        name = check_name(self.context, "action", group, 1)
+        name = check_name(self.scope, "action", group, 1)
         fields = self._fields(group, _FIELDS)
         parameters, variables = self._parameters(fields)
-        conditions = ConditionReader(self.context, frozenset())
-        effects = EffectReader(self.context, conditions, frozenset())
+        conditions = ConditionReader(self.scope, frozenset())
+        effects = EffectReader(self.scope, conditions, frozenset())
         precondition = conditions.read(fields.get(":precondition", _EMPTY), variables)
         return Action(
             name,
@@ -58,24 +58,24 @@ class ActionReader:
     def read_event(self, group: Group) -> Event:
         """The process or event of PDDL+ that a ``(:process ...)`` or ``(:event ...)`` section declares."""
         kind = group.word(0)[1:]
-        name = check_name(self.context, kind, group, 1)
+        name = check_name(self.scope, kind, group, 1)
         fields = self._fields(group, _EVENT_FIELDS)
         _, variables = self._parameters(fields)
         specials = frozenset((SpecialType.HASHT,)) if kind == "process" else frozenset[SpecialType]()
-        conditions = ConditionReader(self.context, frozenset())
+        conditions = ConditionReader(self.scope, frozenset())
         conditions.read(fields.get(":precondition", _EMPTY), variables)
-        effects = EffectReader(self.context, conditions, specials).read(fields.get(":effect", _EMPTY), variables)
+        effects = EffectReader(self.scope, conditions, specials).read(fields.get(":effect", _EMPTY), variables)
         return Event(kind, name, frozenset(changed_by(effects)))
 
     def _durative(self, group: Group) -> Action:
-        name = check_name(self.context, "action", group, 1)
+        name = check_name(self.scope, "action", group, 1)
         fields = self._fields(group, _DURATIVE_FIELDS)
         if ":duration" not in fields:
-            raise self.context.error(f"the durative action {name} lacks its :duration", group)
+            raise self.scope.error(f"the durative action {name} lacks its :duration", group)
         parameters, variables = self._parameters(fields)
         special = frozenset((SpecialType.DURATION,))
-        conditions = ConditionReader(self.context, special)
-        timed = TimedReader(self.context, conditions, EffectReader(self.context, conditions, special))
+        conditions = ConditionReader(self.scope, special)
+        timed = TimedReader(self.scope, conditions, EffectReader(self.scope, conditions, special))
         return Action(
             name,
             parameters,
@@ -96,21 +96,21 @@ class ActionReader:
                     if keyword.startswith(":")
                     else f"one of {', '.join(known)} is expected here, not {node_text(group[index], 60)}"
                 )
-                raise self.context.error(problem, group, index)
+                raise self.scope.error(problem, group, index)
             if keyword in fields:
-                raise self.context.error(f"{keyword} stands here for the second time", group, index)
+                raise self.scope.error(f"{keyword} stands here for the second time", group, index)
             if not isinstance(value, Group):
-                raise self.context.error(f"{keyword} is followed by a group in brackets", group, index + 1)
+                raise self.scope.error(f"{keyword} is followed by a group in brackets", group, index + 1)
             fields[keyword] = value
         return fields
 
     def _parameters(self, fields: dict[str, Group]) -> tuple[tuple[Parameter, ...], Variables]:
-        parameters = read_parameters(self.context, fields.get(":parameters", _EMPTY))
+        parameters = read_parameters(self.scope, fields.get(":parameters", _EMPTY))
         if ":vars" in fields:  # the deprecated second list, whose variables only the precondition finds
-            more = read_parameters(self.context, fields[":vars"])
+            more = read_parameters(self.scope, fields[":vars"])
             for parameter in more:
                 if key(parameter.name) in map(key, (known.name for known in parameters)):
-                    raise self.context.error(f"the variable ?{parameter.name} is declared twice", fields[":vars"])
+                    raise self.scope.error(f"the variable ?{parameter.name} is declared twice", fields[":vars"])
             parameters += more
         return parameters, bound(NO_VARIABLES, parameters)
 
@@ -130,12 +130,12 @@ class ActionReader:
         comparison = COMPARISONS.get(group.word(0))
         is_left, is_right = group.word(1) == "?duration", group.word(2) == "?duration"
         if comparison is None or len(group) != 3 or is_left == is_right:
-            raise self.context.error(
+            raise self.scope.error(
                 f"a constraint on the duration is (= ?duration value), or one of <=, >=, < and >, "
                 f"not {node_text(group, 60)}",
                 group,
             )
-        bound_by = read_expression(self.context, group, 2 if is_left else 1, variables, frozenset())
+        bound_by = read_expression(self.scope, group, 2 if is_left else 1, variables, frozenset())
         return DurationConstraint(comparison if is_left else _FLIPPED[comparison], bound_by, timing)
 
 

@@ -57,17 +57,17 @@ _WORDS = frozenset(("and", "or", "not", "imply", "forall", "exists", "preference
 class ConditionReader:
     """Reads conditions of one text; `specials` are the special numbers that mean something in them."""
 
-    context: Scope
+    scope: Scope
     specials: frozenset[SpecialType] = ANY_SPECIAL
 
     def read(self, group: Group, variables: Variables = NO_VARIABLES, depth: int = 0) -> Formula:
-        """The condition that a group is.
+        """Read the condition in a group.
 
         A conjunction within a conjunction, a disjunction within a disjunction and double negations are dissolved.
-        Raises `PddlSyntaxError`, or complains of symbols that do not fit.
+        Raises `PddlSyntaxError`, or reports symbols that do not fit.
         """
         if depth > MAX_DEPTH:
-            raise self.context.error(f"conditions nested deeper than {MAX_DEPTH} levels cannot be read", group)
+            raise self.scope.error(f"conditions nested deeper than {MAX_DEPTH} levels cannot be read", group)
         negative, word = False, group.word(0)
         while word == "not" and not self.is_atom(group):
             group = self._only_group(group)
@@ -97,29 +97,25 @@ class ConditionReader:
                 return self._equals(group, variables)
             case ">" | ">=" | "<" | "<=":
                 return self._comparison(group, variables)
-        raise self.context.error(
-            f"({word} ...) constrains a plan's course, and stands only in (:constraints ...)", group
-        )
+        raise self.scope.error(f"({word} ...) constrains a plan's course, and stands only in (:constraints ...)", group)
 
     def quantified(self, group: Group) -> tuple[tuple[Parameter, ...], Group]:
         """The variables of ``(forall (?x - t) part)`` or ``exists``, and the part."""
         if len(group) != 3 or not isinstance(group[1], Group) or not isinstance(group[2], Group):
             word = group.word(0)
-            raise self.context.error(
+            raise self.scope.error(
                 f"({word} (?x - type) ...) takes a list of variables and one more group, "
                 f"not {len(group) - 1}: {node_text(group, 60)}",
                 group,
             )
-        return read_parameters(self.context, group[1]), group[2]
+        return read_parameters(self.scope, group[1]), group[2]
 
     def preference(self, group: Group) -> tuple[str, Group]:
         """The name of a preference (it may have none), and its part."""
         part = group[-1]
         if len(group) not in (2, 3) or not isinstance(part, Group):
-            raise self.context.error(
-                f"a preference is (preference name (condition)), not {node_text(group, 60)}", group
-            )
-        return self.context.name(group, 1, "preference") if len(group) == 3 else "", part
+            raise self.scope.error(f"a preference is (preference name (condition)), not {node_text(group, 60)}", group)
+        return self.scope.name(group, 1, "preference") if len(group) == 3 else "", part
 
     def groups_of(self, group: Group) -> Iterator[Group]:
         """The parts of a conjunction or a disjunction; those of the same kind within it are dissolved."""
@@ -130,7 +126,7 @@ class ConditionReader:
         while levels:
             for index, part in levels[-1]:
                 if not isinstance(part, Group):
-                    raise self.context.error(
+                    raise self.scope.error(
                         f"({word} ...) takes conditions or effects in brackets, not {part}", owners[-1], index
                     )
                 if part.word(0) == word and not self.is_atom(part):
@@ -150,7 +146,7 @@ class ConditionReader:
         """
         word = group.word(0)
         return (
-            (self.context.is_predicate(word) or (self.context.domain is None and word in TRAJECTORY))
+            (self.scope.is_predicate(word) or (self.scope.domain is None and word in TRAJECTORY))
             and word not in COMPARISONS
             and (len(group) > 1 or word not in ("and", "or"))
             and all(isinstance(node, str) for node in group)
@@ -165,33 +161,33 @@ class ConditionReader:
     def _only_group(self, group: Group) -> Group:
         part = group[1] if len(group) == 2 else None
         if not isinstance(part, Group):
-            raise self.context.error(f"(not ...) takes one condition in brackets, not {node_text(group, 60)}", group)
+            raise self.scope.error(f"(not ...) takes one condition in brackets, not {node_text(group, 60)}", group)
         return part
 
     def _atom(self, group: Group, variables: Variables) -> Formula:
-        context = self.context
-        name = context.name(group, 0, "predicate")
-        if context.patterns and len(group) == 3 and group[1] == "-" and isinstance(group[2], str):
-            return IsA(name, context.type_name(group[2], group, 2))
-        if context.is_predicate(name):
-            return context.atom(group, context.predicate(name, group), variables)
-        if context.patterns and context.is_function(name):
-            return Defined(read_function(context, group, variables, wildcards=True))
+        scope = self.scope
+        name = scope.name(group, 0, "predicate")
+        if scope.patterns and len(group) == 3 and group[1] == "-" and isinstance(group[2], str):
+            return IsA(name, scope.type_name(group[2], group, 2))
+        if scope.is_predicate(name):
+            return scope.atom(group, scope.predicate(name, group), variables)
+        if scope.patterns and scope.is_function(name):
+            return Defined(read_function(scope, group, variables, wildcards=True))
         if (name.lower(), group.word(1)) in _TIMED:
-            raise context.error(f"({name} {group[1]} ...) belongs to durative actions", group)
-        split = context.unglued(group)
-        return context.atom(split, context.predicate(str(split[0]), split), variables)
+            raise scope.error(f"({name} {group[1]} ...) belongs to durative actions", group)
+        split = scope.unglued(group)
+        return scope.atom(split, scope.predicate(str(split[0]), split), variables)
 
     def _imply(self, group: Group, variables: Variables, depth: int) -> Formula:
         if len(group) != 3 or not isinstance(group[1], Group) or not isinstance(group[2], Group):
-            raise self.context.error(f"(imply ...) takes two conditions in brackets: {node_text(group, 60)}", group)
+            raise self.scope.error(f"(imply ...) takes two conditions in brackets: {node_text(group, 60)}", group)
         premise = self.read(group[1], variables, depth + 1)
         return Imply(premise, self.read(group[2], variables, depth + 1))
 
     def _comparison(self, group: Group, variables: Variables) -> Formula:
         self._two_operands(group)
-        left = read_expression(self.context, group, 1, variables, self.specials)
-        right = read_expression(self.context, group, 2, variables, self.specials)
+        left = read_expression(self.scope, group, 1, variables, self.specials)
+        right = read_expression(self.scope, group, 2, variables, self.specials)
         return Comparison(COMPARISONS[group.word(0)], left, right)
 
     def _equals(self, group: Group, variables: Variables) -> Formula:
@@ -202,8 +198,8 @@ class ConditionReader:
         sides = [node for node in group[1:] if isinstance(node, str)]
         is_numeric = any(
             side.lower() in ("#t", "?duration", "total-time")
-            or self.context.is_bare_function(side)
-            or (is_number(side) and not self.context.is_object(side))
+            or self.scope.is_bare_function(side)
+            or (is_number(side) and not self.scope.is_object(side))
             for side in sides
         )
         names_variable = any(is_wildcard(side) and side.lower() != "?duration" for side in sides)
@@ -213,8 +209,8 @@ class ConditionReader:
 
     def _is_of_object_fluents(self, group: Group) -> bool:
         """Whether ``(= (location ?r) wp0)`` compares objects: such a term with a name, or with another one."""
-        terms = [self.context.is_object_term(side) for side in group[1:]]
-        if self.context.domain is not None:
+        terms = [self.scope.is_object_term(side) for side in group[1:]]
+        if self.scope.domain is not None:
             return any(terms)
         return any(terms) and any(isinstance(side, str) and not is_number(side) for side in group[1:])
 
@@ -222,21 +218,21 @@ class ConditionReader:
         sides: list[str] = []
         for index, node in enumerate(group[1:], 1):
             if isinstance(node, Group):
-                if not self.context.is_object_term(node):
-                    raise self.context.error(f"an object is expected here, not {node_text(node, 60)}", group, index)
-                sides.append(self.context.object_term(node, variables))
+                if not self.scope.is_object_term(node):
+                    raise self.scope.error(f"an object is expected here, not {node_text(node, 60)}", group, index)
+                sides.append(self.scope.object_term(node, variables))
                 continue
             sides.append(node)
-            problem = self.context.misfit(node, variables)
-            if self.context.patterns and is_wildcard(node) and node[1:].lower() not in variables:
+            problem = self.scope.misfit(node, variables)
+            if self.scope.patterns and is_wildcard(node) and node[1:].lower() not in variables:
                 problem = f"{node} matches nothing in a comparison; say (exists (?x - some-type) ...)"
             if problem:
-                self.context.complain(InvalidKnowledge, f"{node_text(group)}: {problem}", group, index)
+                self.scope.diagnose(InvalidKnowledge, f"{node_text(group)}: {problem}", group, index)
         return Same(sides[0], sides[1])
 
     def _two_operands(self, group: Group) -> None:
         if len(group) != 3:
-            raise self.context.error(
+            raise self.scope.error(
                 f"({group.word(0)} ...) compares two values, not {len(group) - 1}: {node_text(group, 60)}", group
             )
 

@@ -27,18 +27,18 @@ _SHAPES = {
 class ConstraintReader:
     """Reads a ``(:constraints ...)`` section."""
 
-    context: Scope
+    scope: Scope
     conditions: ConditionReader
 
     def read(self, section: Group) -> list[str]:
-        """The constraints, each as PDDL text. Raises `PddlSyntaxError`, or complains of what does not fit."""
+        """The constraints, each as PDDL text. Raises `PddlSyntaxError`, or reports what does not fit."""
         return [node_text(constraint) for constraint in self._parts(section)]
 
     def _parts(self, section: Group) -> Iterator[Group]:
         for index in range(1, len(section)):
             constraint = section[index]
             if not isinstance(constraint, Group):
-                raise self.context.error(f"a constraint stands in brackets, not {constraint}", section, index)
+                raise self.scope.error(f"a constraint stands in brackets, not {constraint}", section, index)
             for part in self.conditions.groups_of(constraint) if constraint.word(0) == "and" else [constraint]:
                 if part:
                     self._check(part, NO_VARIABLES, 0)
@@ -46,7 +46,7 @@ class ConstraintReader:
 
     def _check(self, group: Group, variables: Variables, depth: int) -> None:
         if depth > MAX_DEPTH:
-            raise self.context.error(f"constraints nested deeper than {MAX_DEPTH} levels cannot be read", group)
+            raise self.scope.error(f"constraints nested deeper than {MAX_DEPTH} levels cannot be read", group)
         word = group.word(0)
         if word == "and":
             for part in self.conditions.groups_of(group):
@@ -61,8 +61,8 @@ class ConstraintReader:
         elif word in _SHAPES:
             self._check_shape(group, variables, depth)
         else:
-            raise self.context.error(
-                f"{node_text(group, 60)} is no constraint; there are {', '.join(sorted(TRAJECTORY))}, at end, "
+            raise self.scope.error(
+                f"{node_text(group, 60)} is not a constraint; there are {', '.join(sorted(TRAJECTORY))}, at end, "
                 "and, forall and preference",
                 group,
             )
@@ -70,15 +70,15 @@ class ConstraintReader:
     def _check_shape(self, group: Group, variables: Variables, depth: int) -> None:
         shape = _SHAPES[group.word(0)]
         if len(group) != len(shape) + 1:
-            raise self.context.error(
+            raise self.scope.error(
                 f"({group.word(0)} ...) takes {len(shape)} operands, not {len(group) - 1}: {node_text(group, 60)}",
                 group,
             )
         for index, kind in enumerate(shape, 1):
             node = group[index]
             if kind == "n" and not is_number(node):
-                raise self.context.error(f"a number is expected here, not {node_text(node, 60)}", group, index)
+                raise self.scope.error(f"a number is expected here, not {node_text(node, 60)}", group, index)
             if kind == "c":
                 if not isinstance(node, Group):
-                    raise self.context.error(f"a condition in brackets is expected here, not {node}", group, index)
+                    raise self.scope.error(f"a condition in brackets is expected here, not {node}", group, index)
                 self.conditions.read(node, variables, depth + 1)

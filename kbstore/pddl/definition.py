@@ -32,57 +32,57 @@ class Definition:
         return next(self.all(keyword), None)
 
 
-def read_definition(context: Scope, kind: str, known: Collection[str], repeated: Collection[str]) -> Definition:
+def read_definition(scope: Scope, kind: str, known: Collection[str], repeated: Collection[str]) -> Definition:
     """The definition of `kind` ("domain", "problem") that the text consists of.
 
     `known` are the keywords of its sections; those in `repeated` may stand several times. Raises `PddlSyntaxError`.
     """
-    top = context.source.read()
+    top = scope.source.read()
     forms = [index for index, form in enumerate(top) if not (isinstance(form, Group) and form.word(0) == "in-package")]
     if not forms:
-        raise context.error(f"the text is empty; a {kind} is (define ({kind} name) ...)", top)
+        raise scope.error(f"the text is empty; a {kind} is (define ({kind} name) ...)", top)
     whole = top[forms[0]]
     if not isinstance(whole, Group) or whole.word(0) != "define":
-        raise context.error(f"a {kind} begins with (define ({kind} name) ...), not with this", top, forms[0])
+        raise scope.error(f"a {kind} begins with (define ({kind} name) ...), not with this", top, forms[0])
     if len(forms) > 1:
         second = top[forms[1]]
         problem = "this stands outside of the definition, which ended before: there is a ')' too many before"
         if isinstance(second, Group) and second.word(0) == "define":
             problem = "this is a second definition; give domain and problem as two files or texts"
-        raise context.error(problem, top, forms[1])
+        raise scope.error(problem, top, forms[1])
     header = whole[1] if len(whole) > 1 else None
     if not isinstance(header, Group) or len(header) != 2 or not isinstance(header[1], str):
-        raise context.error(f"(define ...) is followed by ({kind} name)", whole, 1)
+        raise scope.error(f"(define ...) is followed by ({kind} name)", whole, 1)
     if header.word(0) != kind:
-        raise context.error(f"a {kind} is expected here, but this defines a {header.word(0)}", header, 0)
-    return Definition(header[1], tuple(_sections(context, whole, kind, known, repeated)), whole)
+        raise scope.error(f"a {kind} is expected here, but this defines a {header.word(0)}", header, 0)
+    return Definition(header[1], tuple(_sections(scope, whole, kind, known, repeated)), whole)
 
 
-def check_name(context: Scope, what: str, group: Group, index: int, name: str | None = None) -> str:
+def check_name(scope: Scope, what: str, group: Group, index: int, name: str | None = None) -> str:
     """The word at a place (or `name`, which it contains), which has to be acceptable as the name of `what`."""
-    written = name if name is not None else context.name(group, index, what)
+    written = name if name is not None else scope.name(group, index, what)
     problem = name_problem(written)
     if problem:
-        raise context.error(f"the {what} name {written:.60} {problem}", group, index)
+        raise scope.error(f"the {what} name {written:.60} {problem}", group, index)
     return written
 
 
 def _sections(
-    context: Scope, whole: Group, kind: str, known: Collection[str], repeated: Collection[str]
+    scope: Scope, whole: Group, kind: str, known: Collection[str], repeated: Collection[str]
 ) -> Iterator[Group]:
     seen: dict[str, Group] = {}
     for index in range(2, len(whole)):
         section = whole[index]
         if not isinstance(section, Group) or not section.word(0).startswith(":"):
-            raise context.error(
+            raise scope.error(
                 f"a section like ({sorted(known)[0]} ...) is expected here, not {node_text(section, 60)}", whole, index
             )
         keyword = section.word(0)
         if keyword not in known:
-            raise context.error(unknown_keyword(keyword, f"section of a {kind}", known), section, 0)
+            raise scope.error(unknown_keyword(keyword, f"section of a {kind}", known), section, 0)
         if keyword not in repeated and keyword in seen:
             if node_text(section) != node_text(seen[keyword]):
-                raise context.error(f"the section {keyword} stands here for the second time", section, 0)
+                raise scope.error(f"the section {keyword} stands here for the second time", section, 0)
             continue  # the same words again say nothing else
         seen[keyword] = section
         yield section
@@ -93,6 +93,6 @@ def unknown_keyword(keyword: str, what: str, known: Collection[str]) -> str:
     if keyword in _ELSEWHERE:
         return f"{keyword} {_ELSEWHERE[keyword]}"
     close = get_close_matches(keyword[:40], known, 1)
-    return f"{keyword:.40} is no {what}" + (
+    return f"{keyword:.40} is not a {what}" + (
         f"; did you mean {close[0]}?" if close else f"; there are {', '.join(known)}"
     )

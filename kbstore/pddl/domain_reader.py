@@ -36,67 +36,67 @@ _REPEATED = (":derived", ":action", ":durative-action", ":process", ":event")
 
 
 def read_domain(source: str | os.PathLike[str] | SourceText) -> MessageDomain:
-    """The domain in a file, or in PDDL text. Its sections may come in any order.
+    """Read the domain in a file, or in PDDL text. Its sections may come in any order.
 
     Raises `PddlSyntaxError`, with the place, for what cannot be read or does not fit: undeclared and repeated names,
     wrong numbers and types of arguments, cycles of types, rules that are not stratified.
     """
     text = SourceText.open(source)
-    context = Scope(text, report=fail_at_once(text))
-    definition = read_definition(context, "domain", _SECTIONS, _REPEATED)
+    scope = Scope(text, report=fail_at_once(text))
+    definition = read_definition(scope, "domain", _SECTIONS, _REPEATED)
     domain = MessageDomain(
-        check_name(context, "domain", definition.whole, 1, definition.name),
-        types=_types(context, definition),
-        requirements=read_requirements(context, definition),
+        check_name(scope, "domain", definition.whole, 1, definition.name),
+        types=_types(scope, definition),
+        requirements=read_requirements(scope, definition),
         source=text.text,
     )
-    context = replace(context, domain=domain)
-    domain = replace(domain, constants=_constants(context, definition))
-    context = replace(context, domain=domain, objects=domain.constant_types)
-    functions, object_fluents = _functions(context, definition)
+    scope = replace(scope, domain=domain)
+    domain = replace(domain, constants=_constants(scope, definition))
+    scope = replace(scope, domain=domain, objects=domain.constant_types)
+    functions, object_fluents = _functions(scope, definition)
     domain = replace(
         domain,
-        predicate_signatures=_predicates(context, definition),
+        predicate_signatures=_predicates(scope, definition),
         function_signatures=functions,
         object_fluents=object_fluents,
     )
     derived = list(definition.all(":derived"))
     # no action may change what rules derive, so which predicates these are is known before the actions are read
-    context = replace(context, domain=replace(domain, rules={_derived_name(section): () for section in derived}))
+    scope = replace(scope, domain=replace(domain, rules={_derived_name(section): () for section in derived}))
     domain = replace(
         domain,
-        rules=_rules(context, derived),
-        actions=_actions(context, definition),
-        events=_events(context, definition),
+        rules=_rules(scope, derived),
+        actions=_actions(scope, definition),
+        events=_events(scope, definition),
     )
     for section in definition.all(":constraints"):
-        ConstraintReader(context, ConditionReader(context)).read(section)
-    _check_stratification(context, domain, derived)
+        ConstraintReader(scope, ConditionReader(scope)).read(section)
+    _check_stratification(scope, domain, derived)
     return domain
 
 
-def read_requirements(context: Scope, definition: Definition) -> tuple[str, ...]:
+def read_requirements(scope: Scope, definition: Definition) -> tuple[str, ...]:
     """The requirements, as written; unknown ones are kept."""
     section = definition.one(":requirements")
-    return context.words(section, 1) if section else ()
+    return scope.words(section, 1) if section else ()
 
 
-def _types(context: Scope, definition: Definition) -> dict[str, str]:
+def _types(scope: Scope, definition: Definition) -> dict[str, str]:
     """Each type with its parent; a parent that is not declared itself is a type below ``object``."""
     section = definition.one(":types") or Group()
     words = [word for word in section[1:] if isinstance(word, str)]
-    glued = replace(context, domain=Domain("", types=dict.fromkeys(words, ROOT_TYPE)))
+    glued = replace(scope, domain=Domain("", types=dict.fromkeys(words, ROOT_TYPE)))
     declared = list(read_typed_list(glued, section, 1))
     parents_of: dict[str, dict[str, str]] = {}
     places: dict[str, int] = {}
     spellings: dict[str, str] = {}
     for index, name, parents, types_place in declared:
-        check_name(context, "type", section, index, name)
+        check_name(scope, "type", section, index, name)
         # a type that is said to be below itself is one of the top types
         above = {key(parent): parent for parent in parents if key(parent) != key(name)}
         if key(name) == ROOT_TYPE:
             if above:
-                raise context.error(
+                raise scope.error(
                     f"the type object is above all types, and is not below {' or '.join(above.values())}"
                     f"{_shared_type(declared, types_place, parents)}",
                     section,
@@ -112,7 +112,7 @@ def _types(context: Scope, definition: Definition) -> dict[str, str]:
             if key(parent) != ROOT_TYPE:
                 spellings.setdefault(key(parent), parent)
     types = {name: _type_text(list(parents_of.get(name_key, {}).values())) for name_key, name in spellings.items()}
-    _check_cycles(context, section, types, places, declared)
+    _check_cycles(scope, section, types, places, declared)
     return types
 
 
@@ -133,7 +133,7 @@ def _shared_type(declared: Iterable[Typed], types_place: int, parents: Sequence[
 
 
 def _check_cycles(
-    context: Scope, section: Group, types: dict[str, str], places: dict[str, int], declared: Sequence[Typed]
+    scope: Scope, section: Group, types: dict[str, str], places: dict[str, int], declared: Sequence[Typed]
 ) -> None:
     """Refuse a type that is below itself: types are taken away as long as nothing is left above them (Kahn, 1962)."""
     above = {key(name): set(type_keys(parent)) - {ROOT_TYPE} for name, parent in types.items()}
@@ -162,7 +162,7 @@ def _check_cycles(
             for typed in declared
             if key(typed.name) in path and any(key(parent) in path for parent in typed.types)
         )
-        raise context.error(
+        raise scope.error(
             f"the type {name} is below itself: {' - '.join([*shown, name])}; types must not form a cycle"
             f"{next(filter(None, shared), '')}",
             section,
@@ -170,15 +170,15 @@ def _check_cycles(
         )
 
 
-def _constants(context: Scope, definition: Definition) -> dict[str, str]:
+def _constants(scope: Scope, definition: Definition) -> dict[str, str]:
     section = definition.one(":constants") or Group()
     constants: dict[str, tuple[str, str]] = {}
-    for typed in read_typed_list(context, section, 1):
-        check_name(context, "constant", section, typed.place, typed.name)
-        type_name = object_type(context, section, typed)
+    for typed in read_typed_list(scope, section, 1):
+        check_name(scope, "constant", section, typed.place, typed.name)
+        type_name = object_type(scope, section, typed)
         _, known = constants.setdefault(key(typed.name), (typed.name, type_name))
         if known != type_name:
-            raise context.error(
+            raise scope.error(
                 f"the constant {typed.name} is declared for the second time, as {type_name}; before it is {known}",
                 section,
                 typed.place,
@@ -186,32 +186,32 @@ def _constants(context: Scope, definition: Definition) -> dict[str, str]:
     return dict(constants.values())
 
 
-def object_type(context: Scope, group: Group, typed: Typed) -> str:
+def object_type(scope: Scope, group: Group, typed: Typed) -> str:
     """The one type of a declared object."""
     if len(typed.types) > 1:
-        raise context.error(
+        raise scope.error(
             f"{typed.name} is declared (either {' '.join(typed.types)}), but an object has one type; "
             "declare a type above these, and an object of it",
             group,
             typed.types_place,
         )
-    return context.type_name(typed.types[0], group, typed.types_place) if typed.types else ROOT_TYPE
+    return scope.type_name(typed.types[0], group, typed.types_place) if typed.types else ROOT_TYPE
 
 
-def _predicates(context: Scope, definition: Definition) -> dict[str, Signature]:
+def _predicates(scope: Scope, definition: Definition) -> dict[str, Signature]:
     section = definition.one(":predicates") or Group()
     signatures: dict[str, Signature] = {}
     for index in range(1, len(section)):
         group = section[index]
         if not isinstance(group, Group):
-            raise context.error(f"a predicate stands in brackets, like ({group} ?x - type)", section, index)
+            raise scope.error(f"a predicate stands in brackets, like ({group} ?x - type)", section, index)
         if group.word(0) == "=" and len(group) > 1:
             continue  # equality, which some old files declare, is built in
-        _declare(context, "predicate", group, signatures)
+        _declare(scope, "predicate", group, signatures)
     return signatures
 
 
-def _functions(context: Scope, definition: Definition) -> tuple[dict[str, Signature], dict[str, ObjectFluent]]:
+def _functions(scope: Scope, definition: Definition) -> tuple[dict[str, Signature], dict[str, ObjectFluent]]:
     """The numeric functions, and those whose value is an object, which ``- type`` after them says."""
     section = definition.one(":functions") or Group()
     signatures: dict[str, Signature] = {}
@@ -220,9 +220,9 @@ def _functions(context: Scope, definition: Definition) -> tuple[dict[str, Signat
 
     def declare(value: tuple[str, ...]) -> None:
         for group in pending:
-            signature = _declare(context, "function", group, signatures)
+            signature = _declare(scope, "function", group, signatures)
             if types.setdefault(key(signature.name), value) != value:
-                raise context.error(
+                raise scope.error(
                     f"the function {signature.name} is declared for the second time, with other values", group, 0
                 )
         pending.clear()
@@ -234,9 +234,9 @@ def _functions(context: Scope, definition: Definition) -> tuple[dict[str, Signat
             pending.append(node)
         elif node[0] == "-" and index > 1:
             index += node == "-"
-            declare(_value_types(context, section, index))
+            declare(_value_types(scope, section, index))
         else:
-            raise context.error(f"a function stands in brackets, like ({node} ?x - type)", section, index)
+            raise scope.error(f"a function stands in brackets, like ({node} ?x - type)", section, index)
         index += 1
     declare(())
     numeric = {name: signature for name, signature in signatures.items() if not types[name]}
@@ -244,29 +244,29 @@ def _functions(context: Scope, definition: Definition) -> tuple[dict[str, Signat
     return numeric, fluents
 
 
-def _value_types(context: Scope, section: Group, index: int) -> tuple[str, ...]:
+def _value_types(scope: Scope, section: Group, index: int) -> tuple[str, ...]:
     """The types of a function's value, none of a number."""
     node = section[index] if index < len(section) else ""
     if isinstance(node, Group):
-        types = context.words(node, 1) if node.word(0) == "either" else ()
+        types = scope.words(node, 1) if node.word(0) == "either" else ()
     else:
         types = (node.lstrip("-"),)
     if not types or not types[0]:
         shown = node_text(node, 60) or "nothing"
-        raise context.error(f"the value of a function is a number or of a type, not {shown}", section, index)
-    if key(types[0]) == "number" and not context.knows_type("number"):
+        raise scope.error(f"the value of a function is a number or of a type, not {shown}", section, index)
+    if key(types[0]) == "number" and not scope.knows_type("number"):
         return ()
-    return tuple(context.type_name(type_name, section, index) for type_name in types)
+    return tuple(scope.type_name(type_name, section, index) for type_name in types)
 
 
-def _declare(context: Scope, what: str, group: Group, signatures: dict[str, Signature]) -> Signature:
-    name = check_name(context, what, group, 0)
-    parameters = read_parameters(context, group, 1, positional=True)
+def _declare(scope: Scope, what: str, group: Group, signatures: dict[str, Signature]) -> Signature:
+    name = check_name(scope, what, group, 0)
+    parameters = read_parameters(scope, group, 1, positional=True)
     for parameter in parameters:
-        check_name(context, "parameter", group, 1, parameter.name)
+        check_name(scope, "parameter", group, 1, parameter.name)
     known = signatures.setdefault(key(name), Signature(name, parameters))
     if [parameter.types for parameter in known.parameters] != [parameter.types for parameter in parameters]:
-        raise context.error(
+        raise scope.error(
             f"the {what} {name} is declared for the second time, and differently: before it is {known}", group, 0
         )
     return known
@@ -277,59 +277,59 @@ def _derived_name(section: Group) -> str:
     return head.word(0) if isinstance(head, Group) else ""
 
 
-def _rules(context: Scope, sections: list[Group]) -> dict[str, tuple[DerivedRule, ...]]:
+def _rules(scope: Scope, sections: list[Group]) -> dict[str, tuple[DerivedRule, ...]]:
     rules: dict[str, tuple[DerivedRule, ...]] = {}
     for section in sections:
         if len(section) != 3 or not isinstance(section[1], Group) or not isinstance(section[2], Group):
-            raise context.error("a rule is (:derived (predicate ?x - type) (condition))", section)
+            raise scope.error("a rule is (:derived (predicate ?x - type) (condition))", section)
         head, body = section[1], section[2]
-        name = context.name(head, 0, "predicate")
-        declared = context.predicate(name, head)
-        parameters = read_parameters(context, head, 1)
+        name = scope.name(head, 0, "predicate")
+        declared = scope.predicate(name, head)
+        parameters = read_parameters(scope, head, 1)
         if declared is None or len(declared.parameters) != len(parameters):
-            raise context.error(
+            raise scope.error(
                 f"the rule's head has {len(parameters)} parameters, but {name} is declared {declared}", head
             )
         typed = tuple(
             Parameter(own.name, wanted.types if own.types == (ROOT_TYPE,) else own.types)
             for own, wanted in zip(parameters, declared.parameters, strict=True)
         )
-        condition = ConditionReader(context, frozenset()).read(body, bound(NO_VARIABLES, typed))
+        condition = ConditionReader(scope, frozenset()).read(body, bound(NO_VARIABLES, typed))
         rules[key(name)] = (*rules.get(key(name), ()), DerivedRule(Signature(name, typed), condition))
     return rules
 
 
-def _actions(context: Scope, definition: Definition) -> dict[str, Action]:
+def _actions(scope: Scope, definition: Definition) -> dict[str, Action]:
     actions: dict[str, Action] = {}
     for section in definition.sections:
         if section.word(0) in (":action", ":durative-action"):
-            action = ActionReader(context).read(section)
+            action = ActionReader(scope).read(section)
             if actions.setdefault(key(action.name), action) != action:
-                raise context.error(
+                raise scope.error(
                     f"the action {action.name} is declared for the second time, and differently", section, 1
                 )
     return actions
 
 
-def _events(context: Scope, definition: Definition) -> tuple[Event, ...]:
+def _events(scope: Scope, definition: Definition) -> tuple[Event, ...]:
     """The processes and events of PDDL+, which are kept, and not computed (rule P4)."""
-    reader = ActionReader(context)
+    reader = ActionReader(scope)
     events: dict[tuple[str, str], tuple[Event, Group]] = {}
     for section in definition.sections:
         if section.word(0) in (":process", ":event"):
             event = reader.read_event(section)
             _, known = events.setdefault((event.kind, key(event.name)), (event, section))
             if known != section:
-                raise context.error(
+                raise scope.error(
                     f"the {event.kind} {event.name} is declared for the second time, and differently", section, 1
                 )
     return tuple(event for event, _ in events.values())
 
 
-def _check_stratification(context: Scope, domain: Domain, sections: list[Group]) -> None:
+def _check_stratification(scope: Scope, domain: Domain, sections: list[Group]) -> None:
     """Refuse rules by which a predicate depends on its own negation, at the first of its rules."""
     try:
         strata(domain)
     except InvalidKnowledge as error:
         named: Iterator[Group] = (s for s in sections if f" {_derived_name(s)} " in error.violations[0].lower())
-        raise context.error(error.violations[0], next(named, sections[0])) from None
+        raise scope.error(error.violations[0], next(named, sections[0])) from None

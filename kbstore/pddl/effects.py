@@ -38,12 +38,12 @@ _WORDS = frozenset(("and", "not", "forall", "when", *ASSIGNMENTS))
 class EffectReader:
     """Reads effects; `specials` are the special numbers that mean something in the values of numeric ones."""
 
-    context: Scope
+    scope: Scope
     conditions: ConditionReader
     specials: frozenset[SpecialType]
 
     def read(self, group: Group, variables: Variables, depth: int = 0) -> Iterator[Effect]:
-        """The effects that a group lists. Raises `PddlSyntaxError`, or complains of what does not fit."""
+        """The effects that a group lists. Raises `PddlSyntaxError`, or reports what does not fit."""
         self.check_depth(group, depth)
         if not group:
             return
@@ -56,7 +56,7 @@ class EffectReader:
         elif word == "not":
             deleted = group[1] if len(group) == 2 else None
             if not isinstance(deleted, Group) or not deleted or not self._is_atom(deleted):
-                raise self.context.error(f"the effect (not ...) takes one fact: {node_text(group, 60)}", group)
+                raise self.scope.error(f"the effect (not ...) takes one fact: {node_text(group, 60)}", group)
             yield Delete(self._changed_atom(deleted, variables))
         elif word == "forall":
             parameters, part = self.conditions.quantified(group)
@@ -73,8 +73,8 @@ class EffectReader:
             yield self._change(group, variables)
         else:
             known = ", ".join(("and", "not", "forall", "when", *ASSIGNMENTS))
-            raise self.context.error(
-                f"{node_text(group, 60)} is no effect here; an effect is a fact, or begins with {known}", group
+            raise self.scope.error(
+                f"{node_text(group, 60)} is not an effect here; an effect is a fact, or begins with {known}", group
             )
 
     def continuous(self, group: Group, variables: Variables) -> NumericEffect:
@@ -82,7 +82,7 @@ class EffectReader:
         function, value = self._target_and_value(group, variables, self.specials | {SpecialType.HASHT})
         rate = rate_of(value)
         if rate is None:
-            raise self.context.error(
+            raise self.scope.error(
                 "this effect says neither when it happens (at start, at end) nor a rate, as in "
                 "(increase (f) (* #t (rate)))",
                 group,
@@ -93,70 +93,70 @@ class EffectReader:
     def when(self, group: Group) -> tuple[Group, Group]:
         """The condition and the effect of a conditional effect."""
         if len(group) != 3 or not isinstance(group[1], Group) or not isinstance(group[2], Group):
-            raise self.context.error(f"(when ...) takes a condition and an effect: {node_text(group, 60)}", group)
+            raise self.scope.error(f"(when ...) takes a condition and an effect: {node_text(group, 60)}", group)
         return group[1], group[2]
 
     def check_depth(self, group: Group, depth: int) -> None:
         """Refuse what is nested too deep."""
         if depth > MAX_DEPTH:
-            raise self.context.error(f"effects nested deeper than {MAX_DEPTH} levels cannot be read", group)
+            raise self.scope.error(f"effects nested deeper than {MAX_DEPTH} levels cannot be read", group)
 
     def _is_atom(self, group: Group) -> bool:
         """Whether a group consists of names and terms, and does not begin with a keyword that names no predicate."""
         word = group.word(0)
-        is_flat = all(isinstance(node, str) or self.context.is_object_term(node) for node in group)
+        is_flat = all(isinstance(node, str) or self.scope.is_object_term(node) for node in group)
         return is_flat and (word not in _WORDS or self.conditions.is_atom(group))
 
     def _change(self, group: Group, variables: Variables) -> NumericEffect | AssignObject:
-        if group.word(0) == "assign" and len(group) == 3 and self.context.is_object_term(group[1]):
+        if group.word(0) == "assign" and len(group) == 3 and self.scope.is_object_term(group[1]):
             return self.object_assignment(group, variables)
         function, value = self._target_and_value(group, variables, self.specials)
         return NumericEffect(ASSIGNMENTS[group.word(0)], function, value)
 
     def object_assignment(self, group: Group, variables: Variables) -> AssignObject:
         """``(assign (location ?r) ?to)``, which is kept, not computed (rule P4); in an initial state with ``=``."""
-        context, term, value = self.context, group[1], group[2]
+        scope, term, value = self.scope, group[1], group[2]
         assert isinstance(term, Group)
-        name = context.name(term, 0, "function")
-        fluent = context.domain.object_fluents[key(name)] if context.domain else None
-        function = context.atom(term, fluent.signature if fluent else None, variables, asserted=True)
+        name = scope.name(term, 0, "function")
+        fluent = scope.domain.object_fluents[key(name)] if scope.domain else None
+        function = scope.atom(term, fluent.signature if fluent else None, variables, asserted=True)
         if isinstance(value, Group):
-            if not context.is_object_term(value):
-                raise context.error(f"an object is expected here, not {node_text(value, 60)}", group, 2)
-            return AssignObject(function, context.object_term(value, variables))
+            if not scope.is_object_term(value):
+                raise scope.error(f"an object is expected here, not {node_text(value, 60)}", group, 2)
+            return AssignObject(function, scope.object_term(value, variables))
         wanted = Parameter(name, fluent.types) if fluent else None
-        problem = None if key(value) == "undefined" else context.misfit(value, variables, wanted, asserted=True)
+        problem = None if key(value) == "undefined" else scope.misfit(value, variables, wanted, asserted=True)
         if problem:
-            context.complain(InvalidKnowledge, f"{node_text(group, 80)}: {problem}", group, 2)
+            scope.diagnose(InvalidKnowledge, f"{node_text(group, 80)}: {problem}", group, 2)
         return AssignObject(function, value)
 
     def _target_and_value(
         self, group: Group, variables: Variables, specials: frozenset[SpecialType]
     ) -> tuple[Atom, NumericExpression]:
-        context = self.context
+        scope = self.scope
         if len(group) != 3:
-            raise context.error(
+            raise scope.error(
                 f"({group.word(0)} (f) value) takes a function and a value: {node_text(group, 60)}", group
             )
-        function = read_function(context, function_group(context, group, 1), variables, asserted=True)
-        return function, read_expression(context, group, 2, variables, specials)
+        function = read_function(scope, function_group(scope, group, 1), variables, asserted=True)
+        return function, read_expression(scope, group, 2, variables, specials)
 
     def _changed_atom(self, group: Group, variables: Variables) -> Atom:
-        context = self.context
-        group = context.unglued(group)
-        name = context.name(group, 0, "predicate")
-        if context.domain is not None and context.domain.is_derived(name):
-            context.complain(InvalidKnowledge, f"{name} is derived by rules, and no action can change it", group)
-        return context.atom(group, context.predicate(name, group), variables, asserted=True)
+        scope = self.scope
+        group = scope.unglued(group)
+        name = scope.name(group, 0, "predicate")
+        if scope.domain is not None and scope.domain.is_derived(name):
+            scope.diagnose(InvalidKnowledge, f"{name} is derived by rules, and no action can change it", group)
+        return scope.atom(group, scope.predicate(name, group), variables, asserted=True)
 
 
-def function_group(context: Scope, group: Group, index: int) -> Group:
+def function_group(scope: Scope, group: Group, index: int) -> Group:
     """The group of a function's term at a place, also where it stands without brackets, as ``total-cost`` may."""
     node = group[index]
     if isinstance(node, Group):
         return node
     term = Group([node])
-    term.start = context.source.offset(group, index)
+    term.start = scope.source.offset(group, index)
     return term
 
 

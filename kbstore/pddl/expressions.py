@@ -26,8 +26,8 @@ def is_number(word: Node) -> bool:
     return isinstance(word, str) and NUMBER.fullmatch(word) is not None
 
 
-def number_at(context: Scope, group: Group, index: int) -> float | None:
-    """The number that stands at a place, also as ``(- 5)``; None if there is something else.
+def number_at(scope: Scope, group: Group, index: int) -> float | None:
+    """Return the number at a place, also as ``(- 5)``; None if there is something else.
 
     Raises `PddlSyntaxError` for a number that a double cannot hold.
     """
@@ -38,21 +38,21 @@ def number_at(context: Scope, group: Group, index: int) -> float | None:
         return None
     value = float(node)
     if math.isinf(value):
-        raise context.error(f"the number {node:.60} is too large for a double", group, index)
+        raise scope.error(f"the number {node:.60} is too large for a double", group, index)
     return sign * value
 
 
 def read_expression(
-    context: Scope,
+    scope: Scope,
     group: Group,
     index: int,
     variables: Variables = NO_VARIABLES,
     specials: frozenset[SpecialType] = ANY_SPECIAL,
 ) -> NumericExpression:
-    """The expression at a place of a group.
+    """Read the expression at a place of a group.
 
     Sums and products of more than two operands become nested ones; `specials` are the special numbers that mean
-    something where the expression stands. Raises `PddlSyntaxError`, or complains of symbols that do not fit.
+    something where the expression stands. Raises `PddlSyntaxError`, or reports symbols that do not fit.
     """
     tokens: list[Token] = []
     stack: list[tuple[Group, int]] = [(group, index)]
@@ -60,43 +60,43 @@ def read_expression(
         parent, place = stack.pop()
         node = parent[place]
         if isinstance(node, str):
-            tokens.append(_word(context, parent, place, node, specials))
+            tokens.append(_word(scope, parent, place, node, specials))
         elif node.word(0) in _OPERATORS:
-            tokens.extend(_operators(context, node))
+            tokens.extend(_operators(scope, node))
             stack.extend((node, operand) for operand in range(len(node) - 1, 0, -1))
-        elif node.word(0) == "total-time" and len(node) == 1 and not context.is_function("total-time"):
-            tokens.append(_special(context, parent, place, SpecialType.TOTAL_TIME, specials))
+        elif node.word(0) == "total-time" and len(node) == 1 and not scope.is_function("total-time"):
+            tokens.append(_special(scope, parent, place, SpecialType.TOTAL_TIME, specials))
         elif node.word(0) == "is-violated" and SpecialType.TOTAL_TIME in specials:
             # a metric counts a preference by its name, as if it were the argument of a function
-            tokens.append(Atom(context.name(node, 0, "function"), (context.name(node, 1, "preference"),)))
+            tokens.append(Atom(scope.name(node, 0, "function"), (scope.name(node, 1, "preference"),)))
         elif not node:
-            raise context.error("a numeric expression is expected here, not ()", node)
+            raise scope.error("a numeric expression is expected here, not ()", node)
         else:
-            tokens.append(read_function(context, node, variables))
+            tokens.append(read_function(scope, node, variables))
     return tuple(tokens)
 
 
 def read_function(
-    context: Scope, group: Group, variables: Variables, *, wildcards: bool = False, asserted: bool = False
+    scope: Scope, group: Group, variables: Variables, *, wildcards: bool = False, asserted: bool = False
 ) -> Atom:
-    """The term of a numeric function.
+    """Read the term of a numeric function.
 
     `wildcards` says whether free variables may be patterns here (rule V7), `asserted` whether its value is set.
     """
-    name = context.name(group, 0, "numeric function")
+    name = scope.name(group, 0, "numeric function")
     if is_number(name) or name == "?duration":
-        raise context.error(f"{name} stands without brackets", group)
-    atom = context.atom(group, context.function(name, group), variables, asserted=asserted)
-    if context.patterns and not wildcards:
-        refuse_wildcards(context, group, atom, variables)
+        raise scope.error(f"{name} stands without brackets", group)
+    atom = scope.atom(group, scope.function(name, group), variables, asserted=asserted)
+    if scope.patterns and not wildcards:
+        refuse_wildcards(scope, group, atom, variables)
     return atom
 
 
-def refuse_wildcards(context: Scope, group: Group, atom: Atom, variables: Variables) -> None:
+def refuse_wildcards(scope: Scope, group: Group, atom: Atom, variables: Variables) -> None:
     """Complain of a free variable in a comparison (rule V7)."""
     for index, argument in enumerate(atom.arguments, 1):
         if is_wildcard(argument) and argument[1:].lower() not in variables:
-            context.complain(
+            scope.diagnose(
                 InvalidKnowledge,
                 f"{argument} in {atom} matches nothing in a comparison; say (exists (?x - some-type) ...)",
                 group,
@@ -104,27 +104,27 @@ def refuse_wildcards(context: Scope, group: Group, atom: Atom, variables: Variab
             )
 
 
-def _word(context: Scope, group: Group, index: int, word: str, specials: frozenset[SpecialType]) -> Token:
-    number = number_at(context, group, index)
+def _word(scope: Scope, group: Group, index: int, word: str, specials: frozenset[SpecialType]) -> Token:
+    number = number_at(scope, group, index)
     if number is not None:
         return number
     special = _SPECIALS.get(word.lower())
-    if special is not None and not context.is_function(word):
-        return _special(context, group, index, special, specials)
+    if special is not None and not scope.is_function(word):
+        return _special(scope, group, index, special, specials)
     if word[0] == "?":
-        raise context.error(f"{word} is a variable for objects, and has no numeric value", group, index)
-    if word.lower().lstrip("+-") in _NO_NUMBERS and not context.is_bare_function(word):
-        raise context.error(f"{word} is not a number; write a finite one, like 12.5", group, index)
+        raise scope.error(f"{word} is a variable for objects, and has no numeric value", group, index)
+    if word.lower().lstrip("+-") in _NO_NUMBERS and not scope.is_bare_function(word):
+        raise scope.error(f"{word} is not a number; write a finite one, like 12.5", group, index)
     if word.lower() in _OPERATORS:
-        raise context.error(f"an operation stands in brackets, like ({word} 1 2)", group, index)
-    signature = context.function(word, group, index)
+        raise scope.error(f"an operation stands in brackets, like ({word} 1 2)", group, index)
+    signature = scope.function(word, group, index)
     if signature is not None and signature.parameters:
-        context.complain(InvalidKnowledge, f"{word} needs its arguments: {signature}", group, index)
+        scope.diagnose(InvalidKnowledge, f"{word} needs its arguments: {signature}", group, index)
     return Atom(word)
 
 
 def _special(
-    context: Scope, group: Group, index: int, special: SpecialType, specials: frozenset[SpecialType]
+    scope: Scope, group: Group, index: int, special: SpecialType, specials: frozenset[SpecialType]
 ) -> SpecialType:
     if special not in specials:
         where = {
@@ -132,11 +132,11 @@ def _special(
             SpecialType.TOTAL_TIME: "the metric",
             SpecialType.DURATION: "durative actions",
         }
-        raise context.error(f"{special.pddl} has a meaning only in {where[special]}", group, index)
+        raise scope.error(f"{special.pddl} has a meaning only in {where[special]}", group, index)
     return special
 
 
-def _operators(context: Scope, group: Group) -> list[Token]:
+def _operators(scope: Scope, group: Group) -> list[Token]:
     """The operators that a group of operands stands for: one, or one fewer than operands of a longer sum or product."""
     operator = _OPERATORS[group.word(0)]
     operands = len(group) - 1
@@ -144,5 +144,5 @@ def _operators(context: Scope, group: Group) -> list[Token]:
         return [Operator.UMINUS]
     if operands == 0 or (operator in (Operator.SUB, Operator.DIV) and operands != 2):
         takes = {"-": "one or two operands", "/": "two operands"}.get(group.word(0), "at least one operand")
-        raise context.error(f"({group.word(0)} ...) takes {takes}, not {operands}: {node_text(group, 60)}", group)
+        raise scope.error(f"({group.word(0)} ...) takes {takes}, not {operands}: {node_text(group, 60)}", group)
     return [operator] * (operands - 1)

@@ -57,7 +57,7 @@ class InitReader:
     atoms of which it is not known whether they are true (rule P4).
     """
 
-    context: Scope
+    scope: Scope
     entries: list[Entry] = field(default_factory=list)
     offsets: list[int] = field(default_factory=list)
     timed: list[tuple[int, Entry]] = field(default_factory=list)
@@ -70,11 +70,11 @@ class InitReader:
     _values: dict[str, float] = field(default_factory=dict)
 
     def read(self, section: Group) -> None:
-        """Read the section. Raises `PddlSyntaxError` for what is not PDDL, and complains of what does not fit."""
+        """Read the section. Raises `PddlSyntaxError` for what is not PDDL, and reports what does not fit."""
         for index in range(1, len(section)):
             group = section[index]
             if not isinstance(group, Group):
-                raise self.context.error(f"a fact stands in brackets, like ({group})", section, index)
+                raise self.scope.error(f"a fact stands in brackets, like ({group})", section, index)
             values = self._facts.values(group)
             if values is not None:
                 self.entries.append(trusted_fact(str(group[0]), values))
@@ -91,23 +91,23 @@ class InitReader:
 
     def _is_kept(self, group: Group) -> bool:
         """Read what is kept as text; False for anything else."""
-        context, word = self.context, group.word(0)
-        if word == "=" and len(group) == 3 and context.is_object_term(group[1]):
-            read = EffectReader(context, ConditionReader(context, frozenset()), frozenset()).object_assignment
+        scope, word = self.scope, group.word(0)
+        if word == "=" and len(group) == 3 and scope.is_object_term(group[1]):
+            read = EffectReader(scope, ConditionReader(scope, frozenset()), frozenset()).object_assignment
             assigned = read(group, NO_VARIABLES)
             name = key(str(assigned.function))
             text = f"(= {assigned.function} {assigned.value})"
             if self.object_values.setdefault(name, text) != text:
-                context.complain(InvalidKnowledge, f"{text}: the function has another value before", group)
+                scope.diagnose(InvalidKnowledge, f"{text}: the function has another value before", group)
             return True
-        if word in UNCERTAIN and not (context.is_predicate(word) and _all_words(group)):
+        if word in UNCERTAIN and not (scope.is_predicate(word) and _all_words(group)):
             if len(group) < 2 or (word == "unknown" and len(group) != 2):
-                raise context.error(f"({word} ...) takes {_TAKES[word]}, not {node_text(group, 60)}", group)
+                raise scope.error(f"({word} ...) takes {_TAKES[word]}, not {node_text(group, 60)}", group)
             for index in range(1, len(group)):
                 part = group[index]
                 if not isinstance(part, Group):
-                    raise context.error(f"({word} ...) takes {_TAKES[word]}, not {part}", group, index)
-                ConditionReader(context, frozenset()).read(part)
+                    raise scope.error(f"({word} ...) takes {_TAKES[word]}, not {part}", group, index)
+                ConditionReader(scope, frozenset()).read(part)
             self.uncertain.append(node_text(group))
             self.uncertain_offsets.append(group.start)
             return True
@@ -117,15 +117,15 @@ class InitReader:
         """The time of a timed literal, in nanoseconds."""
         word = group[1]
         if not isinstance(word, str) or not NUMBER.fullmatch(word):
-            raise self.context.error(
+            raise self.scope.error(
                 f"a timed literal is (at 12.5 (fact)), with a number of seconds, not {node_text(word, 60)}", group, 1
             )
         try:
             time = seconds(word)
         except InvalidTime as error:
-            raise self.context.error(str(error), group, 1) from None
+            raise self.scope.error(str(error), group, 1) from None
         if time < 0:
-            raise self.context.error(f"the time {word} lies before the initial state", group, 1)
+            raise self.scope.error(f"the time {word} lies before the initial state", group, 1)
         return time
 
     def _entry(self, group: Group, *, timed: bool = False) -> Entry:
@@ -133,52 +133,52 @@ class InitReader:
         if word == "=" or (timed and word == "assign" and len(group) == 3 and not _all_words(group)):
             return self._value(group, timed=timed)
         if timed and word in ASSIGNMENTS and len(group) == 3 and isinstance(group[1], Group):
-            raise self.context.error(
+            raise self.scope.error(
                 f"a change relative to a value cannot be scheduled: {node_text(group, 60)}; give the value itself, as "
                 "(at 5 (= (f a) 3))",
                 group,
             )
         if word == "not" and len(group) == 2 and isinstance(group[1], Group) and group[1].word(0) != "=":
-            return self._told(group[1], is_negative=True)
+            return self._fact(group[1], is_negative=True)
         if not group or word in ("not", "and") or (word == "at" and not _all_words(group)):
-            raise self.context.error(
+            raise self.scope.error(
                 "the initial state lists facts (p a), negative facts (not (p a)), values (= (f a) 3) and timed ones "
                 f"(at 5 (p a)), not {node_text(group, 60)}",
                 group,
             )
-        return self._told(group, is_negative=False)
+        return self._fact(group, is_negative=False)
 
-    def _told(self, group: Group, *, is_negative: bool) -> Fact:
-        context = self.context
-        name = context.name(group, 0, "predicate")
-        is_derived = context.domain is not None and context.domain.is_derived(name)
+    def _fact(self, group: Group, *, is_negative: bool) -> Fact:
+        scope = self.scope
+        name = scope.name(group, 0, "predicate")
+        is_derived = scope.domain is not None and scope.domain.is_derived(name)
         if is_derived:
-            context.complain(InvalidKnowledge, f"{name} is derived by rules, and cannot be told", group)
-        values = self._checked(group, context.predicate(name, group), Fitting() if is_derived else self._facts)
+            scope.diagnose(InvalidKnowledge, f"{name} is derived by rules, and cannot be asserted", group)
+        values = self._checked(group, scope.predicate(name, group), Fitting() if is_derived else self._facts)
         return trusted_fact(name, values, is_negative=is_negative)
 
     def _value(self, group: Group, *, timed: bool) -> Function:
-        context = self.context
+        scope = self.scope
         if len(group) != 3:
-            raise context.error(f"the value of a function is (= (f a) 3), not {node_text(group, 60)}", group)
-        if timed and context.is_object_term(group[1]):
-            raise context.error(
+            raise scope.error(f"the value of a function is (= (f a) 3), not {node_text(group, 60)}", group)
+        if timed and scope.is_object_term(group[1]):
+            raise scope.error(
                 f"{node_text(group[1], 60)} is an object fluent, which is kept, but not computed, and not at a later "
                 "time: say it with a predicate",
                 group,
             )
-        value = number_at(context, group, 2)
+        value = number_at(scope, group, 2)
         if value is None:
-            raise context.error(f"the value of a function is a number here, not {node_text(group[2], 60)}", group, 2)
-        term = function_group(context, group, 1)
+            raise scope.error(f"the value of a function is a number here, not {node_text(group[2], 60)}", group, 2)
+        term = function_group(scope, group, 1)
         values = self._functions.values(term)
         if values is None:
-            name = context.name(term, 0, "numeric function")
+            name = scope.name(term, 0, "numeric function")
             if NUMBER.fullmatch(name):
-                raise context.error("a function and its value are expected here, not two numbers", group)
-            values = self._checked(term, context.function(name, term), self._functions)
+                raise scope.error("a function and its value are expected here, not two numbers", group)
+            values = self._checked(term, scope.function(name, term), self._functions)
         if not timed and self._values.setdefault(" ".join(map(str, term)).lower(), value) != value:
-            context.complain(InvalidKnowledge, f"{node_text(group)}: the function has another value before", group)
+            scope.diagnose(InvalidKnowledge, f"{node_text(group)}: the function has another value before", group)
         return Function.trusted(
             initial_time=0,
             is_negative=False,
@@ -191,24 +191,24 @@ class InitReader:
         )
 
     def _checked(self, term: Group, signature: Signature | None, fitting: Fitting) -> Values:
-        """The labelled arguments of a term, after a complaint of each that does not fit."""
-        complaints = self.context.complaints
-        atom = self.context.atom(term, signature, NO_VARIABLES, asserted=True)
+        """The labelled arguments of a term; each that does not fit is reported."""
+        before = self.scope.diagnosed
+        atom = self.scope.atom(term, signature, NO_VARIABLES, asserted=True)
         values = labelled(atom.arguments, signature)
-        is_known = signature is not None or self.context.domain is None
-        if is_known and self.context.complaints == complaints and not any(map(is_wildcard, atom.arguments)):
+        is_known = signature is not None or self.scope.domain is None
+        if is_known and self.scope.diagnosed == before and not any(map(is_wildcard, atom.arguments)):
             fitting.add(atom.name, values)
         return values
 
     def _check_contradictions(self) -> None:
-        """Complain of facts that are both told and denied."""
+        """Report facts that are both asserted and denied."""
         facts = [
             (entry, offset) for entry, offset in zip(self.entries, self.offsets, strict=True) if type(entry) is Fact
         ]
         denied = {entry.key for entry, _ in facts if entry.is_negative}
         for entry, offset in facts if denied else ():
             if not entry.is_negative and entry.key in denied:
-                self.context.complain_at(InvalidKnowledge, f"both {entry} and (not {entry}) are told", offset)
+                self.scope.diagnose_at(InvalidKnowledge, f"both {entry} and (not {entry}) are asserted", offset)
 
 
 def _all_words(group: Group) -> bool:

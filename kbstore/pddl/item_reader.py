@@ -46,7 +46,7 @@ def labelled(arguments: tuple[str, ...], signature: Signature | None) -> tuple[K
 
 
 def fact_of(atom: Atom, signature: Signature | None, is_negative: bool = False) -> Fact:
-    """The fact that an atom is."""
+    """Return an atom as a fact."""
     return trusted_fact(atom.name, labelled(atom.arguments, signature), is_negative=is_negative)
 
 
@@ -68,9 +68,9 @@ def function_of(
 
 @dataclass
 class ItemReader:
-    """Reads items of one text. What they speak of is not checked here, but where they are stored or asked."""
+    """Reads items of one text. What they refer to is checked where they are stored or asked."""
 
-    context: Scope
+    scope: Scope
 
     def read(self, top: Group) -> KnowledgeItem:
         """The one item that a text consists of. Raises `PddlSyntaxError`, or `InvalidKnowledge` with advice."""
@@ -82,23 +82,23 @@ class ItemReader:
         if len(words) == len(top):
             return self._words(top, words)
         if not words:
-            raise self.context.error(f"there are {len(top)} items here, but one is expected", top, 1)
-        raise self.context.error(f"{node_text(top, 60)} is no item; {_ADVICE}", top, 0)
+            raise self.scope.error(f"there are {len(top)} items here, but one is expected", top, 1)
+        raise self.scope.error(f"{node_text(top, 60)} is not an item; {_ADVICE}", top, 0)
 
     def item(self, group: Group) -> KnowledgeItem:
-        """The item that a group is."""
+        """Read the item in a group."""
         negative = False
         while group.word(0) == "not":
             inner = group[1] if len(group) == 2 else None
             if not isinstance(inner, Group):
-                raise self.context.error(f"(not ...) takes one item in brackets: {node_text(group, 60)}", group)
+                raise self.scope.error(f"(not ...) takes one item in brackets: {node_text(group, 60)}", group)
             group, negative = inner, not negative
         item = self._positive(group)
         if not negative:
             return item
         if isinstance(item, Metric) or (isinstance(item, Function) and item.function_value is not None):
             raise InvalidKnowledge(
-                f"(not {item}) is no item: a value or a metric is not false, it is another one, or removed"
+                f"(not {item}) is not an item: a value or a metric is not negated; assign another one, or remove it"
             )
         return item.changed(is_negative=True)
 
@@ -112,7 +112,7 @@ class ItemReader:
         return composite_of(expression, self._formula)
 
     def inequality(self, comparison: Comparison, is_negative: bool = False) -> Inequality:
-        """The item that a comparison is."""
+        """Return a comparison as an item."""
         ineq = DomainInequality.trusted(
             comparison_type=comparison.comparison,
             LHS=self.composite(comparison.left),
@@ -123,15 +123,15 @@ class ItemReader:
 
     def predicate(self, name: str) -> Signature | None:
         """The signature by which a fact is labelled, if the domain has one."""
-        return self.context.domain.predicate_signatures.get(key(name)) if self.context.domain else None
+        return self.scope.domain.predicate_signatures.get(key(name)) if self.scope.domain else None
 
     def function(self, name: str) -> Signature | None:
         """The signature by which a numeric function is labelled, if the domain has one."""
-        return self.context.domain.function_signatures.get(key(name)) if self.context.domain else None
+        return self.scope.domain.function_signatures.get(key(name)) if self.scope.domain else None
 
     def _unchecked(self) -> Scope:
-        """The context for expressions, whose symbols are checked with those of all other items."""
-        return Scope(self.context.source, patterns=True)
+        """The scope for expressions, whose symbols are checked with those of all other items."""
+        return Scope(self.scope.source, patterns=True)
 
     def _formula(self, atom: Atom) -> DomainFormula:
         values = labelled(atom.arguments, self.function(atom.name))
@@ -139,9 +139,9 @@ class ItemReader:
 
     def _words(self, top: Group, words: list[str]) -> KnowledgeItem:
         """An object with its type, ``wp7 - waypoint``; of a removal or a question, also without."""
-        context = self.context
+        scope = self.scope
         if not words:
-            raise context.error(f"the text is empty; {_ADVICE}", top)
+            raise scope.error(f"the text is empty; {_ADVICE}", top)
         name, type_name = words[0], ""
         if len(words) == 3 and words[1] == "-":
             type_name = words[2]
@@ -149,27 +149,27 @@ class ItemReader:
             type_name = words[1][1:]
         elif len(words) == 2 and name[-1] == "-" and len(name) > 1:
             name, type_name = name[:-1], words[1]
-        elif len(words) > 1 or context.is_predicate(name) or context.is_function(name):
-            raise context.error(f"a fact stands in brackets, like ({' '.join(words)})", top, 0)
+        elif len(words) > 1 or scope.is_predicate(name) or scope.is_function(name):
+            raise scope.error(f"a fact stands in brackets, like ({' '.join(words)})", top, 0)
         if name == "-" or type_name == "-":
-            raise context.error(
+            raise scope.error(
                 f"an object and its type are written like wp7 - waypoint, not {node_text(top, 60)}", top, 0
             )
         return Instance(instance_name=name, instance_type=type_name)
 
     def _positive(self, group: Group) -> KnowledgeItem:
-        context, word = self.context, group.word(0)
+        scope, word = self.scope, group.word(0)
         words = _all_words(group)
         if words and group and word not in _RESERVED and "-" not in group[1:2]:
             # nearly all that there is to read
             return self._atom(str(group[0]), tuple(group[1:]))  # type: ignore[arg-type]
         if not group:
-            raise context.error(f"() is no item; {_ADVICE}", group)
+            raise scope.error(f"() is not an item; {_ADVICE}", group)
         if word in OPTIMIZATIONS or (word == ":metric" and len(group) > 1):
             return self.metric(group, int(word == ":metric"))
         if word in COMPARISONS:
             return self._compared(group)
-        if word in ASSIGNMENTS and len(group) == 3 and not (words and context.is_predicate(word)):
+        if word in ASSIGNMENTS and len(group) == 3 and not (words and scope.is_predicate(word)):
             return self._change(group)
         if len(group) == 3 and group[1] == "-" and words:
             return Instance(instance_name=str(group[0]), instance_type=str(group[2]))
@@ -180,23 +180,23 @@ class ItemReader:
                 f"{node_text(group, 60)} belongs into a problem; as an item, say {node_text(group[2], 60)}, and give "
                 "its time as initial_time"
             )
-        return self._atom(context.name(group, 0, "predicate"), context.words(group, 1))
+        return self._atom(scope.name(group, 0, "predicate"), scope.words(group, 1))
 
     def _atom(self, name: str, arguments: tuple[str, ...]) -> KnowledgeItem:
         """A fact, or the question whether a function is defined."""
-        if self.context.is_function(name):
+        if self.scope.is_function(name):
             return function_of(Atom(name, arguments), self.function(name), None)
         return fact_of(Atom(name, arguments), self.predicate(name))
 
     def _compared(self, group: Group) -> KnowledgeItem:
         """``(= (f a) 3)`` is the value of a function; every other comparison is an inequality."""
-        context = self.context
+        scope = self.scope
         if len(group) != 3:
-            raise context.error(f"({group[0]} ...) compares two values: {node_text(group, 60)}", group)
+            raise scope.error(f"({group[0]} ...) compares two values: {node_text(group, 60)}", group)
         left, right = group[1], group[2]
         is_term = isinstance(left, Group) and left.word(0) not in ("+", "-", "*", "/", "total-time")
         if group[0] == "=" and (is_term or (isinstance(left, str) and not is_number(left) and left[0] not in "?#")):
-            value = number_at(context, group, 2)
+            value = number_at(scope, group, 2)
             if value is not None:
                 atom = self._term(group)
                 return function_of(atom, self.function(atom.name), value)
@@ -209,9 +209,9 @@ class ItemReader:
         return self.inequality(Comparison(COMPARISONS[group.word(0)], first, second))
 
     def _change(self, group: Group) -> Function:
-        context, operation = self.context, ASSIGNMENTS[group.word(0)]
+        scope, operation = self.scope, ASSIGNMENTS[group.word(0)]
         atom = self._term(group)
-        value = number_at(context, group, 2)
+        value = number_at(scope, group, 2)
         if value is None and operation in (AssignOp.INCREASE, AssignOp.DECREASE):
             rate = rate_of(read_expression(self._unchecked(), group, 2))
             value = _constant(rate) if rate is not None else None
@@ -227,22 +227,22 @@ class ItemReader:
 
     def _term(self, group: Group) -> Atom:
         """The function's term that a group begins with."""
-        term = function_group(self.context, group, 1)
-        name = self.context.name(term, 0, "numeric function")
+        term = function_group(self.scope, group, 1)
+        name = self.scope.name(term, 0, "numeric function")
         if is_wildcard(name) or is_number(name):
-            raise self.context.error(f"the name of a numeric function is expected here, not {name}", term)
-        return Atom(name, self.context.words(term, 1))
+            raise self.scope.error(f"the name of a numeric function is expected here, not {name}", term)
+        return Atom(name, self.scope.words(term, 1))
 
 
 def read_metric(
-    context: Scope, group: Group, index: int, specials: frozenset[SpecialType]
+    scope: Scope, group: Group, index: int, specials: frozenset[SpecialType]
 ) -> tuple[str, NumericExpression]:
     """The word ``minimize`` or ``maximize`` at a place, and the expression after it."""
     if group.word(index) not in OPTIMIZATIONS or len(group) != index + 2:
-        raise context.error(
+        raise scope.error(
             f"a metric is minimize or maximize and one expression, not {node_text(group, 60)}", group, index
         )
-    return group.word(index), read_expression(context, group, index + 1, specials=specials)
+    return group.word(index), read_expression(scope, group, index + 1, specials=specials)
 
 
 _RESERVED = frozenset((*OPTIMIZATIONS, ":metric", *COMPARISONS, *ASSIGNMENTS))

@@ -29,7 +29,7 @@ __all__ = [
 
 
 def parse_item(text: str, domain: Domain | None = None) -> KnowledgeItem:
-    """The item that a text says.
+    """Read an item from its text.
 
     Reads ``wp7 - waypoint``, ``(p a b)``, ``(not (p a b))``, ``(= (f a) 3.5)``, ``(increase (f a) 2)`` and its like,
     ``(increase (f a) (* #t 2))`` (a rate), ``(> (f a) (+ (g) 32))``, ``minimize (total-time)``; and where the domain
@@ -45,7 +45,7 @@ def parse_item(text: str, domain: Domain | None = None) -> KnowledgeItem:
 
 
 def parse_condition(text: str, domain: Domain | None = None) -> Formula:
-    """The condition that a text says.
+    """Read a condition from its text.
 
     ``?`` and ``?name`` in facts are patterns where no quantifier binds them (rule V7). ``(= (f a) 3)`` compares;
     ``wp7 - waypoint`` asks for an object.
@@ -56,25 +56,25 @@ def parse_condition(text: str, domain: Domain | None = None) -> Formula:
         InvalidKnowledge: for a wrong number of arguments, and for a free variable in a comparison.
     """
     source = SourceText(text)
-    context = Scope(source, domain, patterns=True)
+    scope = Scope(source, domain, patterns=True)
     top = source.read()
     if len(top) == 1 and isinstance(top[0], Group):
-        return ConditionReader(context).read(top[0])
-    item = ItemReader(context).read(top)
+        return ConditionReader(scope).read(top[0])
+    item = ItemReader(scope).read(top)
     if isinstance(item, Instance):
         return condition_of(item, domain)
-    raise context.error(f"{node_text(top, 60)} is no condition; a condition stands in brackets", top, 0)
+    raise scope.error(f"{node_text(top, 60)} is not a condition; a condition stands in brackets", top, 0)
 
 
 def parse_stored(text: str) -> Formula:
-    """The condition that a stored text says, which was checked before; it may name object fluents (rule P4)."""
+    """Read a condition from a stored text, which was checked before; it may name object fluents (rule P4)."""
     source = SourceText(text)
     top = source.read()
     return ConditionReader(Scope(source, patterns=True, is_stored=True)).read(_one_group(source, top))
 
 
 def parse_initial(text: str) -> list[Formula]:
-    """The conditions in what an initial state says beyond facts and numbers, from its stored text (rule P4).
+    """Read what an initial state says beyond facts and numbers, as conditions, from its stored text (rule P4).
 
     Of ``(oneof (p) (q))`` these are its parts, of an object fluent's value the equation, of other constraints none.
     """
@@ -109,20 +109,20 @@ def _one_group(source: SourceText, top: Group) -> Group:
 
 
 def parse_expression(text: str, domain: Domain | None = None) -> NumericExpression:
-    """The numeric expression that a text says, like ``(+ (battery kenny) 5)``, of any depth.
+    """Read a numeric expression from its text, like ``(+ (battery kenny) 5)``, of any depth.
 
     Raises `PddlSyntaxError`; with a domain also `UnknownSymbol` and `InvalidKnowledge`, as `parse_condition` does.
     """
     source = SourceText(text)
-    context = Scope(source, domain, patterns=True)
+    scope = Scope(source, domain, patterns=True)
     top = source.read()
     if len(top) != 1:
-        raise context.error(f"one numeric expression is expected, not {len(top)}", top, min(1, len(top)))
-    return read_expression(context, top, 0)
+        raise scope.error(f"one numeric expression is expected, not {len(top)}", top, min(1, len(top)))
+    return read_expression(scope, top, 0)
 
 
 def condition_of(item: KnowledgeItem | ConditionMessage, domain: Domain | None = None) -> Formula:
-    """The question that an item is (rule V7): whether it holds.
+    """Return the question whether an item holds (rule V7).
 
     With a domain, its labels may come in any order. Raises `UnknownSymbol`, and `InvalidKnowledge` for labels or a
     number of arguments that do not fit, and for a metric, which cannot be asked this way.
@@ -148,13 +148,13 @@ def condition_of(item: KnowledgeItem | ConditionMessage, domain: Domain | None =
             condition = IsA(item.instance_name or "?", item.instance_type)
         case _:
             raise InvalidKnowledge(
-                f"the metric {item} is no question; ask for the metric, or for the value of {item.expr}"
+                f"the metric {item} is not a question; ask for the metric, or for the value of {item.expr}"
             )
     return Not(condition) if item.is_negative else condition
 
 
 def goals_of(condition: Formula, domain: Domain | None = None) -> list[Goal]:
-    """The parts of a goal (rule C10): facts, negative facts, inequalities, and what is none of these as a condition.
+    """Split a goal into facts, negative facts and inequalities; what is none of these is a condition (rule C10).
 
     Raises `InvalidKnowledge` for what no planner can be asked for: that an object exists, or a function is defined.
     """
@@ -175,7 +175,7 @@ def goal_of(part: Formula, items: ItemReader) -> Goal:
     for occurrence in walk(part, {}):
         if isinstance(occurrence.node, IsA | Defined):
             raise InvalidKnowledge(
-                f"{condition_text(occurrence.node)} can be asked, but is no goal: a goal is about facts and values, "
+                f"{condition_text(occurrence.node)} can be asked, but is not a goal: a goal is about facts and values, "
                 "not about what exists or is defined"
             )
     return ConditionMessage(text=condition_text(part))

@@ -59,7 +59,7 @@ class SourcePositions(Sequence[tuple[int, int]]):
 
 @dataclass(frozen=True)
 class Problem:
-    """What a problem says.
+    """A planning problem, as items of a knowledge base.
 
     `timed` has the offsets of timed-initial knowledge from the initial state, in nanoseconds; `constraints` are PDDL
     text. `places` has the line and column of each item of "instances", "init", "timed" and "goals"; `source` is the
@@ -82,7 +82,7 @@ class Problem:
 
 
 def read_problem(source: str | os.PathLike[str] | SourceText, domain: Domain | None = None) -> Problem:
-    """The problem in a file, or in PDDL text. Its sections may come in any order.
+    """Read the problem in a file, or in PDDL text. Its sections may come in any order.
 
     Raises:
         PddlSyntaxError: with the place, for what cannot be read, and for a problem of another domain.
@@ -93,7 +93,7 @@ def read_problem(source: str | os.PathLike[str] | SourceText, domain: Domain | N
     violations: list[str] = []
 
     def report(_kind: type[KbStoreError], problem: str, offset: int) -> None:
-        violations.append(text.complaint(problem, offset))
+        violations.append(text.diagnosis(problem, offset))
         if len(violations) == MAX_VIOLATIONS:
             raise InvalidKnowledge(*violations, "there may be more; reading has been given up here")
 
@@ -106,15 +106,15 @@ def read_problem(source: str | os.PathLike[str] | SourceText, domain: Domain | N
 
 @dataclass
 class _ProblemReader:
-    context: Scope
+    scope: Scope
 
     def read(self) -> Problem:
-        context = self.context
-        definition = read_definition(context, "problem", _SECTIONS, ())
+        scope = self.scope
+        definition = read_definition(scope, "problem", _SECTIONS, ())
         domain_name = self._domain_name(definition)
-        requirements = read_requirements(context, definition)
+        requirements = read_requirements(scope, definition)
         instances, instance_offsets = self._objects(definition.one(":objects") or Group())
-        init = InitReader(context)
+        init = InitReader(scope)
         init.read(definition.one(":init") or Group())
         goals, goal_offsets = self._goals(definition)
         constraints = definition.one(":constraints")
@@ -127,55 +127,55 @@ class _ProblemReader:
             init.timed,
             goals,
             self._metric(definition.one(":metric")),
-            ConstraintReader(context, ConditionReader(context, frozenset())).read(constraints) if constraints else [],
+            ConstraintReader(scope, ConditionReader(scope, frozenset())).read(constraints) if constraints else [],
             init.object_values,
             init.uncertain,
             {
-                "instances": SourcePositions(context.source, instance_offsets),
-                "init": SourcePositions(context.source, init.offsets),
-                "timed": SourcePositions(context.source, init.timed_offsets),
-                "goals": SourcePositions(context.source, goal_offsets),
-                "uncertain": SourcePositions(context.source, init.uncertain_offsets),
+                "instances": SourcePositions(scope.source, instance_offsets),
+                "init": SourcePositions(scope.source, init.offsets),
+                "timed": SourcePositions(scope.source, init.timed_offsets),
+                "goals": SourcePositions(scope.source, goal_offsets),
+                "uncertain": SourcePositions(scope.source, init.uncertain_offsets),
             },
-            context.source.name,
+            scope.source.name,
         )
 
     def _domain_name(self, definition: Definition) -> str:
         section = definition.one(":domain")
         if section is None:
-            raise self.context.error("the problem does not name its domain: (:domain name)", definition.whole)
-        name = self.context.name(section, 1, "domain")
-        domain = self.context.domain
+            raise self.scope.error("the problem does not name its domain: (:domain name)", definition.whole)
+        name = self.scope.name(section, 1, "domain")
+        domain = self.scope.domain
         if domain is not None and key(name) != key(domain.name):
-            raise self.context.error(f"this problem is of the domain {name}, not of {domain.name}", section, 1)
+            raise self.scope.error(f"this problem is of the domain {name}, not of {domain.name}", section, 1)
         return name
 
     def _objects(self, section: Group) -> tuple[list[Instance], list[int]]:
-        """The objects that are declared; from here on the context knows them, and the domain's constants."""
-        context = self.context
-        constants = context.domain.constant_types if context.domain else {}
+        """The objects that are declared; from here on the scope knows them, and the domain's constants."""
+        scope = self.scope
+        constants = scope.domain.constant_types if scope.domain else {}
         known: dict[str, str] = {}
         type_names: dict[int, str] = {-1: ROOT_TYPE}
         instances: list[Instance] = []
         offsets: list[int] = []
-        located = context.source.offsets(section) if section else []
-        for typed in read_typed_list(context, section, 1):
+        located = scope.source.offsets(section) if section else []
+        for typed in read_typed_list(scope, section, 1):
             name, name_key = typed.name, key(typed.name)
             if typed.types_place not in type_names:
-                type_names[typed.types_place] = object_type(context, section, typed)
+                type_names[typed.types_place] = object_type(scope, section, typed)
             type_name = type_names[typed.types_place]
             wrong = name_problem(name)
             if wrong:
-                context.complain(InvalidKnowledge, f"the object name {name:.60} {wrong}", section, typed.place)
+                scope.diagnose(InvalidKnowledge, f"the object name {name:.60} {wrong}", section, typed.place)
             if name_key in known:
                 if known[name_key] != key(type_name):
                     problem = f"the object {name} is declared twice, as {known[name_key]} and as {type_name}"
-                    context.complain(InvalidKnowledge, problem, section, typed.place)
+                    scope.diagnose(InvalidKnowledge, problem, section, typed.place)
             elif name_key in constants:
                 # to repeat a constant adds nothing, unless it is of another type
                 if constants[name_key] != key(type_name):
                     problem = f"{name} - {type_name} is a constant of the domain, of type {constants[name_key]}"
-                    context.complain(InvalidKnowledge, problem, section, typed.place)
+                    scope.diagnose(InvalidKnowledge, problem, section, typed.place)
             else:
                 known[name_key] = key(type_name)
                 instances.append(
@@ -188,8 +188,8 @@ class _ProblemReader:
                     )
                 )
                 offsets.append(located[typed.place])
-        if context.domain is not None:
-            context.objects = {**constants, **known}
+        if scope.domain is not None:
+            scope.objects = {**constants, **known}
         return instances, offsets
 
     def _goals(self, definition: Definition) -> tuple[list[Goal], list[int]]:
@@ -197,8 +197,8 @@ class _ProblemReader:
         if section is None:
             return [], []
         if len(section) != 2 or not isinstance(section[1], Group):
-            raise self.context.error("the goal is one condition in brackets: (:goal (and (p) (q)))", section, 1)
-        reader, items = ConditionReader(self.context, frozenset()), ItemReader(self.context)
+            raise self.scope.error("the goal is one condition in brackets: (:goal (and (p) (q)))", section, 1)
+        reader, items = ConditionReader(self.scope, frozenset()), ItemReader(self.scope)
         goals: list[Goal] = []
         offsets: list[int] = []
         for group in reader.groups_of(section[1]) if section[1].word(0) == "and" else [section[1]]:
@@ -210,5 +210,5 @@ class _ProblemReader:
     def _metric(self, section: Group | None) -> Expression | None:
         if section is None:
             return None
-        optimization, expression = read_metric(self.context, section, 1, frozenset((SpecialType.TOTAL_TIME,)))
-        return Expression(optimization=optimization, expr=ItemReader(self.context).composite(expression))
+        optimization, expression = read_metric(self.scope, section, 1, frozenset((SpecialType.TOTAL_TIME,)))
+        return Expression(optimization=optimization, expr=ItemReader(self.scope).composite(expression))

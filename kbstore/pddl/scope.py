@@ -1,4 +1,4 @@
-"""What names mean where a formula stands, and what becomes of one that means nothing there."""
+"""The scope of a formula: what names refer to in it, and how one that refers to nothing is reported."""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
@@ -37,20 +37,20 @@ class Scope:
     report: Report | None = None
     patterns: bool = False
     is_stored: bool = False
-    complaints: int = 0
+    diagnosed: int = 0
     _fits: dict[tuple[tuple[str, ...], tuple[str, ...], bool], bool] = field(default_factory=dict)
 
     def error(self, problem: str, group: Group, index: int | None = None) -> PddlSyntaxError:
         """The refusal of what is not PDDL, with its place: of a group, or of its child of that index."""
         return self.source.error(problem, self.source.offset(group, index))
 
-    def complain(self, kind: type[KbStoreError], problem: str, group: Group, index: int | None = None) -> None:
+    def diagnose(self, kind: type[KbStoreError], problem: str, group: Group, index: int | None = None) -> None:
         """Report what is PDDL but does not fit; in a question it is raised at once."""
-        self.complain_at(kind, problem, -1 if self.report is None else self.source.offset(group, index))
+        self.diagnose_at(kind, problem, -1 if self.report is None else self.source.offset(group, index))
 
-    def complain_at(self, kind: type[KbStoreError], problem: str, offset: int) -> None:
+    def diagnose_at(self, kind: type[KbStoreError], problem: str, offset: int) -> None:
         """Report what does not fit at an offset."""
-        self.complaints += 1
+        self.diagnosed += 1
         if self.report is None:
             raise kind(bounded(problem))
         self.report(kind, problem, offset)
@@ -98,13 +98,13 @@ class Scope:
     # -- symbols ----------------------------------------------------------------------------------------------
 
     def predicate(self, name: str, group: Group) -> Signature | None:
-        """The predicate of that name; None, with a complaint, if the domain has none."""
+        """The predicate of that name; None, and reported, if the domain has none."""
         if self.domain is None:
             return None
         found = self.domain.predicate_signatures.get(key(name))
         if found is None:
             if key(name) in self.domain.object_fluents:
-                self.complain(
+                self.diagnose(
                     InvalidKnowledge, f"{self.domain.uncomputed[key(name)]}; it is not true or false", group, 0
                 )
                 return None
@@ -114,17 +114,17 @@ class Scope:
                 )
             else:
                 problem = _unknown("predicate", name, self.domain, self.domain.predicate_signatures.values())
-            self.complain(UnknownSymbol, problem, group, 0)
+            self.diagnose(UnknownSymbol, problem, group, 0)
         return found
 
     def function(self, name: str, group: Group, index: int | None = 0) -> Signature | None:
-        """The numeric function of that name; None, with a complaint, if the domain has none."""
+        """The numeric function of that name; None, and reported, if the domain has none."""
         if self.domain is None:
             return None
         found = self.domain.function_signatures.get(key(name))
         if found is None:
             if key(name) in self.domain.object_fluents:
-                self.complain(
+                self.diagnose(
                     InvalidKnowledge, f"{self.domain.uncomputed[key(name)]}; it has no numeric value", group, index
                 )
                 return None
@@ -132,7 +132,7 @@ class Scope:
                 problem = f"{name:.80} is a predicate, not a numeric function, and has no value"
             else:
                 problem = _unknown("numeric function", name, self.domain, self.domain.function_signatures.values())
-            self.complain(UnknownSymbol, problem, group, index)
+            self.diagnose(UnknownSymbol, problem, group, index)
         return found
 
     def is_predicate(self, name: str) -> bool:
@@ -159,13 +159,13 @@ class Scope:
         return self.objects is not None and key(word) in self.objects
 
     def type_name(self, name: str, group: Group, index: int) -> str:
-        """A type in the domain's spelling; an unknown one is complained of."""
+        """A type in the domain's spelling; an unknown one is reported."""
         if self.domain is None:
             return name
         if not self.domain.knows_type(name):
             known = ", ".join(list(self.domain.types)[:_LISTED]) or "none but object"
             problem = f"the type {name:.80} is not declared; the domain {self.domain.name} has {known}"
-            self.complain(UnknownSymbol, problem, group, index)
+            self.diagnose(UnknownSymbol, problem, group, index)
             return name
         return self.domain.type_spelling(name)
 
@@ -196,7 +196,7 @@ class Scope:
         asserted: bool = False,
         depth: int = 0,
     ) -> Atom:
-        """The atom that a group is, with its arguments checked against the signature.
+        """Read an atom, and check its arguments against the signature.
 
         Where it is `asserted`, in an effect, a variable has to be of the parameter's type; where it is asked, it may
         be of a type above, as some of its values may fit.
@@ -204,14 +204,14 @@ class Scope:
         atom = Atom(str(group[0]), self._arguments(group, variables, depth))
         wrong = arity_problem(atom, signature) if signature is not None else None
         if wrong:
-            self.complain(InvalidKnowledge, wrong, group)
+            self.diagnose(InvalidKnowledge, wrong, group)
             signature = None
         for index, argument in enumerate(atom.arguments, 1):
             parameter = signature.parameters[index - 1] if signature else None
             problem = self.misfit(argument, variables, parameter, asserted=asserted)
             if problem:
                 declared = f"; it is declared {signature}" if signature else ""
-                self.complain(InvalidKnowledge, f"{node_text(group, 80)}: {problem}{declared}", group, index)
+                self.diagnose(InvalidKnowledge, f"{node_text(group, 80)}: {problem}{declared}", group, index)
         return atom
 
     def misfit(

@@ -24,10 +24,10 @@ _SENTENCE = 1000
 
 
 class Group(list["str | Group"]):
-    """What stands between two brackets: words, as written, and inner groups.
+    """A list in brackets: words, as written, and inner groups.
 
     `start` is the opening bracket's offset; -1 for the whole of a text, and the word's for a word that stands for a
-    group of its own. Words carry no offset of their own: `Source.offset` finds it again when a complaint needs it.
+    group of its own. Words carry no offset of their own: `Source.offset` finds it again when a report needs it.
     """
 
     __slots__ = ("start",)
@@ -91,7 +91,7 @@ class SourceText:
     def offsets(self, group: Group) -> list[int]:
         """Where the children of a group begin, and at the end its closing bracket."""
         if self._located is not group:
-            # complaints often come in a row for one long group, whose children are located once
+            # reports often come in a row for one long group, whose children are located once
             self._located, self._offsets = group, _child_offsets(self._code, group.start)
         return self._offsets
 
@@ -103,7 +103,7 @@ class SourceText:
         end = self._line_starts[line] if line < len(self._line_starts) else len(self.text)
         return PddlSyntaxError(problem, line, column, self.name, self.text[begin:end].rstrip("\r\n"))
 
-    def complaint(self, problem: str, offset: int) -> str:
+    def diagnosis(self, problem: str, offset: int) -> str:
         """The same as a sentence: the place, the problem, and the line (of a long one, a part) with a mark."""
         line, column = self.place(offset)
         begin = max(offset - column + 1, offset - _SHOWN // 2)
@@ -113,7 +113,7 @@ class SourceText:
         return f"{place}: {bounded(problem)}\n      {shown}\n      {' ' * (offset - begin)}^"
 
     def read(self) -> Group:
-        """All that the text consists of, as one group without brackets of its own.
+        """Parse the text into one group, which has no brackets of its own.
 
         Raises `PddlSyntaxError` for a bracket that is missing or too many.
         """

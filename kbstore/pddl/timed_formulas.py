@@ -32,12 +32,12 @@ _MOMENTS = {("at", "start"): Timing.AT_START, ("over", "all"): Timing.OVER_ALL, 
 class TimedReader:
     """Reads what a durative action says of its start, its course and its end."""
 
-    context: Scope
+    scope: Scope
     conditions: ConditionReader
     effects: EffectReader
 
     def read_conditions(self, group: Group, variables: Variables, depth: int = 0) -> Iterator[TimedCondition]:
-        """The conditions, conjunctions split into their parts. Raises `PddlSyntaxError`, or complains."""
+        """Read conditions, conjunctions split into their parts. Raises `PddlSyntaxError`, or reports misfits."""
         self.effects.check_depth(group, depth)
         if not group:
             return
@@ -64,20 +64,20 @@ class TimedReader:
                 if parts:
                     yield when, Preference(name, _joined(parts))
         else:
-            raise self.context.error(
+            raise self.scope.error(
                 "a condition of a durative action says when it has to hold, at start, over all or at end: "
                 f"(at start {node_text(group, 60)})",
                 group,
             )
 
     def read_effects(self, group: Group, variables: Variables, depth: int = 0) -> Iterator[TimedEffect]:
-        """The effects; a continuous one is of `Moment.OVER_ALL`. Raises `PddlSyntaxError`, or complains."""
+        """Read effects; a continuous one is of `Timing.OVER_ALL`. Raises `PddlSyntaxError`, or reports misfits."""
         self.effects.check_depth(group, depth)
         if not group:
             return
         word, timing = group.word(0), self._timing(group)
         if timing is Timing.OVER_ALL:
-            raise self.context.error(
+            raise self.scope.error(
                 "an effect happens at start or at end, or continuously: (increase (f) (* #t 2))", group
             )
         elif timing is not None:
@@ -98,7 +98,7 @@ class TimedReader:
         elif word in ("increase", "decrease"):
             yield Timing.OVER_ALL, self.effects.continuous(group, variables)
         else:
-            raise self.context.error(
+            raise self.scope.error(
                 f"an effect of a durative action says when it happens: (at end {node_text(group, 60)})", group
             )
 
@@ -128,33 +128,33 @@ class TimedReader:
             if other in (timing, Timing.AT_START):
                 continue
             if timing is Timing.AT_END:
-                raise self.context.error(
+                raise self.scope.error(
                     "an effect at end that depends on a condition over all cannot be read: whether it held all the "
                     "while is not kept; ask for it at start, at end, or at both",
                     group,
                 )
             effect = "a continuous effect" if timing is Timing.OVER_ALL else "an effect at start"
-            raise self.context.error(
+            raise self.scope.error(
                 f"{effect} cannot depend on a condition {other.value}, which is known only later; ask for it at start, "
                 "or make the effect one at end",
                 group,
             )
 
     def _timing(self, group: Group) -> Timing | None:
-        """The moment that ``(at start (p))`` speaks of; None of what is none of these, like ``(at kenny wp0)``."""
+        """The part of an action that ``(at start (p))`` names; None for anything else, like ``(at kenny wp0)``."""
         timing = _MOMENTS.get((group.word(0), group.word(1)))
         return timing if len(group) > 2 and isinstance(group[2], Group) else None
 
     def _inner(self, group: Group) -> Group:
         inner = group[2]
         if len(group) != 3 or not isinstance(inner, Group):
-            raise self.context.error(f"({group[0]} {group[1]} ...) takes one group: {node_text(group, 60)}", group)
+            raise self.scope.error(f"({group[0]} {group[1]} ...) takes one group: {node_text(group, 60)}", group)
         return inner
 
     def _one_moment(self, group: Group, timed: Sequence[TimedCondition]) -> Timing:
         timings = {timing for timing, _ in timed}
         if len(timings) != 1:
-            raise self.context.error(f"all of ({group.word(0)} ...) has to be of one moment, at start or at end", group)
+            raise self.scope.error(f"all of ({group.word(0)} ...) has to be of one moment, at start or at end", group)
         return timings.pop()
 
 

@@ -90,7 +90,7 @@ class StateLike(Protocol):
 
 
 def write_problem(state: StateLike, *, explicit_negatives: bool = False) -> str:
-    """The planning problem as of a state.
+    """Write the planning problem of a state.
 
     Numbers are exact and have no exponent. Timed knowledge, and the end effects of what runs, are timed-initial
     literals and fluents in seconds from the state's time. What PDDL has no words for (rates, scheduled objects and

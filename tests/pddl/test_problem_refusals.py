@@ -39,7 +39,7 @@ SYNTAX = {
     "domain without a name": ("(define (problem p) (:domain«) (:goal ()))", "missing"),
     "wrong domain": ("(define (problem p)\n  (:domain «houses) (:goal (and)))", "of the domain houses, not of rooms"),
     "unknown section": ("(define (problem p) (:domain rooms)\n («:inits) (:goal ()))", "did you mean :init"),
-    "domain's section": (FRAME + "(«:predicates (p)) (:goal ()))", "no section of a problem"),
+    "domain's section": (FRAME + "(«:predicates (p)) (:goal ()))", "not a section of a problem"),
     "section twice": (FRAME + "(:init (dark))\n («:init) (:goal ()))", "second time"),
     "missing bracket": ("«(define (problem p) (:domain rooms) (:goal ())", "never closed"),
     "missing bracket of a section": (FRAME + "«(:init (dark)\n  (:goal (and)))", "on line 4"),
@@ -85,7 +85,7 @@ SYNTAX = {
         "one expression",
     ),
     "#t in a metric": (FRAME + "(:goal ()) (:metric minimize (* «#t 2)))", "continuous"),
-    "unknown constraint": (FRAME + "(:goal ()) (:constraints «(eventually (dark))))", "no constraint"),
+    "unknown constraint": (FRAME + "(:goal ()) (:constraints «(eventually (dark))))", "not a constraint"),
 }
 
 KNOWLEDGE = {

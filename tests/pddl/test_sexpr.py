@@ -81,10 +81,10 @@ class TestPlaces:
         top = source.read()
         assert [source.place(source.offset(top, index)) for index in range(3)] == [(1, 1), (1, 3), (2, 1)]
 
-    def test_complaint_of_a_long_line(self):
+    def test_diagnosis_of_a_long_line(self):
         """Of a long line the part around the place is shown, with the mark under it."""
         source = SourceText("(" + "x" * 1000 + " here " + "y" * 1000 + ")")
-        text = source.complaint("wrong", 1002)
+        text = source.diagnosis("wrong", 1002)
         _, shown, mark = text.split("\n")
         assert text.startswith("line 1, column 1003: wrong")
         assert shown[mark.index("^") :].startswith("here")
