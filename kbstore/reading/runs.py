@@ -1,25 +1,27 @@
 """Runs of durative actions, and their invariants: over-all conditions, watched while the action runs (O6, Q8)."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import groupby
 
 from kbstore.clock import OPEN, TimeLike
 from kbstore.errors import InvalidKnowledge, NotLinear, UnknownSymbol
 from kbstore.evaluation.when import truths
-from kbstore.messages import Truth
+from kbstore.messages import KnowledgeType, Truth
 from kbstore.model.domain import Domain
-from kbstore.model.formulas import Atom, Formula, Timing
+from kbstore.model.formulas import Add, Atom, Delete, Formula, Timing
 from kbstore.model.results import AsOf, Broken, Run
 from kbstore.model.symbols import arity_problem
+from kbstore.model.timelines import Identity, Role, atom_key
 from kbstore.names import key, matches
 from kbstore.pddl.printer import condition_text
+from kbstore.planning.effects import grounded_atom
 from kbstore.planning.grounding import GroundAction
 from kbstore.reading.reader import Reader, as_run
-from kbstore.reading.trajectory import StoredTrajectory
+from kbstore.reading.trajectory import Piece, StoredTrajectory
 from kbstore.storage.records import LogPosition, RunRow
 from kbstore.storage.repository import Repository
 
-Piece = tuple[int, int, Truth]
+TruthPiece = tuple[int, int, Truth]
 
 
 class Runs:
@@ -70,14 +72,15 @@ class Runs:
         """Evaluate the over-all conditions over ``[started, ended)``, under the domain of each time (rule O6)."""
         now = self._reader.resolver.resolve(repository)
         head, first, last = now.head, row.started, min(row.end_time, now.valid_time + 1)
-        pieces: dict[str, list[Piece]] = {}
+        pieces: dict[str, list[TruthPiece]] = {}
         if first < last:
             self._reader.resolver.refuse_archived(first, head)
         for start, end, symbols in self._reader.domains.within(repository, head, first, last):
             domain = symbols.domain
             if domain is None or first >= last:
                 continue
-            trajectory = StoredTrajectory(self._reader, repository, now, (start, end), domain)
+            trajectory = _RunTrajectory(self._reader, repository, now, (start, end), domain)
+            trajectory.started, trajectory.unwritten = first, _unwritten(domain, row)
             for condition in _invariants(domain, row):
                 try:
                     found = truths(condition, trajectory, duration=row.duration_s)
@@ -122,6 +125,38 @@ class Runs:
         return [*map(key, words)]
 
 
+class _RunTrajectory(StoredTrajectory):
+    """What is stored, and the at-start effects of a run on what is sensed, as if they were written (rule O8).
+
+    They count until the next assertion on their timelines.
+    """
+
+    started: int
+    unwritten: Mapping[Identity, bool]
+
+    def _with_expected(self, identity: Identity) -> list[Piece]:
+        pieces = super()._with_expected(identity)
+        if identity not in self.unwritten:
+            return pieces
+        start, end = self.span
+        later = [piece for piece in pieces if piece[3] > self.started]
+        until = later[0][0] if later else end
+        value = (not self.unwritten[identity],)
+        return [(start, until, value, self.started), *later] if start < until else later
+
+
+def _unwritten(domain: Domain, row: RunRow) -> dict[Identity, bool]:
+    """The signs that the unconditional at-start effects of a run give to facts that are sensed."""
+    action = _ground(domain, row)
+    signs: dict[Identity, bool] = {}
+    for effect in action.action.effects_at(Timing.AT_START) if action is not None and domain.sensed else ():
+        if isinstance(effect, Add | Delete) and key(effect.atom.name) in domain.sensed:
+            atom = grounded_atom(effect.atom, action.bindings, action) if action is not None else effect.atom
+            identity = Identity(Role.STATE, KnowledgeType.FACT, atom_key((atom.name, *atom.arguments)))
+            signs[identity] = signs.get(identity, False) or isinstance(effect, Add)
+    return signs
+
+
 def _as_of(row: RunRow, believed: LogPosition) -> RunRow | None:
     """A run as it was on record at a position: what ended later was running."""
     number, time = believed.number, believed.time
@@ -136,18 +171,23 @@ def _matches(wanted: Sequence[str], row: RunRow) -> bool:
     return keys[:1] == list(wanted) if len(wanted) == 1 else matches(wanted, keys)
 
 
-def _invariants(domain: Domain, row: RunRow) -> Iterator[Formula]:
-    """The over-all conditions of a run, with its objects in their places."""
+def _ground(domain: Domain, row: RunRow) -> GroundAction | None:
+    """The action of a run with its objects, whether they exist or not; None where the domain does not have it."""
     try:
         action = domain.action(row.operator)
     except UnknownSymbol:
-        return
+        return None
     names = [key(parameter.name) for parameter in action.parameters]
-    bindings = dict(zip(names, map(key, row.arguments), strict=False))
-    yield from GroundAction(action, row.arguments, bindings).conditions(Timing.OVER_ALL)
+    return GroundAction(action, row.arguments, dict(zip(names, map(key, row.arguments), strict=False)))
 
 
-def _joined(pieces: Sequence[Piece]) -> Iterator[Piece]:
+def _invariants(domain: Domain, row: RunRow) -> Sequence[Formula]:
+    """The over-all conditions of a run, with its objects in their places."""
+    action = _ground(domain, row)
+    return [] if action is None else action.conditions(Timing.OVER_ALL)
+
+
+def _joined(pieces: Sequence[TruthPiece]) -> Iterator[TruthPiece]:
     """Adjacent pieces of one truth value as one."""
     for truth, group in groupby(pieces, key=lambda piece: piece[2]):
         same = list(group)

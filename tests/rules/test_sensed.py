@@ -1,0 +1,81 @@
+"""Rule O8: what is marked as sensed is left to sensors, and expected all the same."""
+
+import pytest
+
+from kbstore import Truth, seconds
+from tests.conftest import START
+
+HALL = """
+(define (domain hall)
+  (:predicates (door_open) (inside) (lit) (moving))
+  (:functions (position) (speed) (count))
+  (:durative-action enter :parameters () :duration (= ?duration 10)
+    :condition (over all (moving))
+    :effect (and (at start (moving)) (at start (not (lit))) (at end (inside)) (at end (assign (count) 7))
+                 (increase (position) (* #t (speed)))))
+  (:action shut :parameters () :effect (and (not (door_open)) (increase (count) 1))))
+"""
+
+
+@pytest.fixture
+def hall(open_kb):
+    kb = open_kb()
+    kb.load(HALL)
+    kb.add("(door_open)", "(lit)", "(= (position) 0)", "(= (speed) 2)", "(= (count) 0)")
+    return kb
+
+
+def at(clock, t):
+    clock.set(START + seconds(t))
+
+
+def test_effects_on_what_is_sensed_are_not_written(hall, clock):
+    """O8: at start, at end, and of instantaneous actions; a sensor reports them."""
+    for name in ("moving", "lit", "inside", "count", "door_open"):
+        hall.set_sensed(name, True)
+    run = hall.start("enter")
+    assert hall.holds("(and (lit) (not (moving)))")
+    at(clock, 10)
+    hall.end(run)
+    hall.apply("shut")
+    assert hall.holds("(and (lit) (not (moving)) (not (inside)) (door_open))")
+    assert hall.value("(count)") == 0
+
+
+def test_a_continuous_effect_on_what_is_sensed_does_not_move_it(hall, clock):
+    """O8: and a question about a time after now computes it as if it did."""
+    hall.set_sensed("position", True)
+    run = hall.start("enter")
+    assert [hall.value("(position)", at=START + seconds(t)) for t in (0, 3, 10, 20)] == [0, 6, 20, 20]
+    at(clock, 4)
+    assert hall.value("(position)") == 0
+    hall.add("(= (position) 7)")
+    assert [hall.value("(position)", at=START + seconds(t)) for t in (4, 6, 10, 20)] == [7, 11, 19, 19]
+    at(clock, 10)
+    hall.end(run)
+    assert [hall.value("(position)", at=START + seconds(t)) for t in (3, 4, 10, 20)] == [0, 7, 7, 7]
+
+
+def test_at_end_effects_on_what_is_sensed_are_expected(hall, clock):
+    """O8: as long as the end lies ahead."""
+    hall.set_sensed("inside", True)
+    hall.start("enter")
+    assert hall.holds("(inside)", at=START + seconds(10))
+    at(clock, 11)
+    assert not hall.holds("(inside)")
+
+
+def test_an_invariant_that_an_unwritten_effect_makes_true_counts_as_true(hall, clock):
+    """O8: until the next assertion on its timeline."""
+    hall.set_sensed("moving", True)
+    run = hall.start("enter")
+    at(clock, 2)
+    assert not hall.holds("(moving)")
+    assert hall.broken(run) == []
+    hall.add("(not (moving))")
+    at(clock, 3)
+    hall.add("(moving)")
+    at(clock, 10)
+    assert [(b.condition, b.truth, b.since, b.until) for b in hall.end(run).broken] == [
+        ("(moving)", Truth.FALSE, START + seconds(2), START + seconds(3))
+    ]
