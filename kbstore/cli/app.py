@@ -45,6 +45,8 @@ COMMANDS: list[tuple[typer.Typer, str | None, Commands]] = [
         {
             "state": query.state,
             "holds": query.holds,
+            "find": query.find,
+            "wait": query.wait,
             "value": query.value,
             "explain": query.explain,
             "applicable": query.applicable,

@@ -1,4 +1,4 @@
-"""Questions about one time: ``state``, ``holds``, ``value``, ``explain``, ``applicable``."""
+"""Questions about one time: ``state``, ``holds``, ``find``, ``wait``, ``value``, ``explain``, ``applicable``."""
 
 import re
 from typing import Annotated
@@ -8,6 +8,8 @@ import typer
 from kbstore.cli import completion
 from kbstore.cli.options import Arguments, AsOf, At, Condition, Json, Kb, Now, Operator, Url, asked, at_time
 from kbstore.cli.output import answer
+from kbstore.cli.times import parse_duration
+from kbstore.clock import SECOND, isoformat
 from kbstore.errors import InvalidKnowledge
 from kbstore.messages import Truth, format_number
 from kbstore.model.plain import times
@@ -103,6 +105,57 @@ def holds(
         report = {"condition": condition, "truth": str(truth), **times(at=asking.at, as_of=asking.as_of)}
         answer(report, as_json=as_json, view=lambda: str(truth))
     raise typer.Exit(EXIT_CODES[truth])
+
+
+def find(
+    condition: Condition,
+    at: At = None,
+    as_of: AsOf = None,
+    url: Url = None,
+    kb: Kb = None,
+    now: Now = None,
+    as_json: Json = False,
+) -> None:
+    """List the objects for which a condition is true: one row for each binding of its ?variables.
+
+    Exits with 0 if there is any, 1 if there is none.
+
+    Examples:
+        kbstore find "(robot_at ?robot ?place)"
+        kbstore find "(and (robot_at ?r ?w) (> (battery ?r) 20))" --at -10m
+        kbstore find "(not (delivered ?p - parcel lab))"
+    """
+    with asked(url, kb, now) as found:
+        bindings = found.find(condition, at=at_time(at, found), as_of=at_time(as_of, found))
+        answer(bindings, as_json=as_json, view=lambda: records.bindings_table(bindings))
+    raise typer.Exit(0 if bindings else 1)
+
+
+def wait(
+    condition: Condition,
+    timeout: Annotated[
+        str | None,
+        typer.Option("--timeout", metavar="TIME", help="How long to wait at most: 30s, 5m (default: forever)."),
+    ] = None,
+    url: Url = None,
+    kb: Kb = None,
+    now: Now = None,
+    as_json: Json = False,
+) -> None:
+    """Wait until a condition is true, and show since when.
+
+    Exits with 0 as soon as it is true, 1 if it is not within the time-out.
+
+    Examples:
+        kbstore wait "(robot_at kenny lab)" --timeout 5m && echo arrived
+        kbstore wait "(< (battery kenny) 20)"
+    """
+    patience = None if timeout is None else parse_duration(timeout) / SECOND
+    with asked(url, kb, now) as found:
+        came = found.wait_for(condition, patience)
+    report = {"condition": condition, **times(time=came)}
+    answer(report, as_json=as_json, view=lambda: "timed out" if came is None else isoformat(came))
+    raise typer.Exit(1 if came is None else 0)
 
 
 def value(

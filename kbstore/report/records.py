@@ -1,6 +1,6 @@
 """The record as tables and trees for people: histories, transactions, differences, intervals, explanations."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 from rich.console import Group, RenderableType
 from rich.text import Text
@@ -44,6 +44,15 @@ def history_table(assertions: Sequence[Assertion], moments: TimeFormat) -> Rende
         for found in assertions
     ]
     return table("", ("knowledge", "from", "until", ">for", "recorded", "ended or cancelled"), rows)
+
+
+def bindings_table(bindings: Sequence[Mapping[str, str]]) -> RenderableType:
+    """Bindings of variables: a column for each variable."""
+    if not bindings:
+        return Text("none")
+    if not bindings[0]:
+        return Text("true, without variables")
+    return table("", tuple(f"?{name}" for name in bindings[0]), [tuple(row.values()) for row in bindings])
 
 
 def runs_view(runs: Sequence[Run]) -> RenderableType:

@@ -24,6 +24,8 @@ EXAMPLES = {
     "abort": None,
     "state": ["--at", ASKED],
     "holds": ["(open lab_door)"],
+    "find": ["(robot_at ?r ?w)"],
+    "wait": ["(docked kenny)"],
     "value": ["(battery kenny)"],
     "explain": ["(open lab_door)"],
     "applicable": ["undock", "kenny", "home"],

@@ -163,3 +163,25 @@ def test_state_folds_what_no_action_changes(run):
     ):
         assert "(path home office)" in shown.out
         assert "Not shown" not in shown.out
+
+
+def test_find_lists_bindings(run):
+    """V11: a column for each variable, joined and ordered; exit 1 where there is none."""
+    done = run("find", "(and (carries ?r ?p) (robot_at ?r ?w))", "--at", ALARM)
+    assert (done.code, done.words[0], done.words[2:]) == (0, "?r ?p ?w", ["kenny blood corridor"])
+    assert run("find", "(path home ?to)", "--at", ALARM, "--json").json == [{"to": "corridor"}, {"to": "office"}]
+    assert run("find", "(robot_at ?r lab)", "--at", ALARM, "--as-of", BEFORE).code == 0
+    done = run("find", "(robot_at ?r lab)", "--at", ALARM)
+    assert (done.code, done.out) == (1, "none\n")
+    assert run("find", "(open lab_door)", "--at", BEFORE).out == "true, without variables\n"
+
+
+def test_wait_ends_when_it_is_true_or_time_is_up(run):
+    """Q9: with the time since when, or exit 1."""
+    done = run("wait", "(docked kenny)", "--now", "last", "--json")
+    assert (done.code, done.json["time_ns"]) == (0, moment("09:09:10"))
+    late = run("wait", "(docked kenny lab)", "--timeout", "1s")
+    assert (late.code, "docked" in late.err) == (2, True)
+    assert "with units" in run("wait", "(docked kenny)", "--timeout", "1").err
+    done = run("wait", "(robot_at kenny lab)", "--timeout", "50ms", "--now", "last")
+    assert (done.code, done.out) == (1, "timed out\n")
