@@ -71,6 +71,9 @@ class InitReader:
 
     def read(self, section: Group) -> None:
         """Read the section. Raises `PddlSyntaxError` for what is not PDDL, and reports what does not fit."""
+        only = section[1] if len(section) == 2 else None
+        if isinstance(only, Group) and only.word(0) == "and" and not self.scope.is_predicate("and"):
+            section = only  # contingent problems have their initial state in one conjunction
         for index in range(1, len(section)):
             group = section[index]
             if not isinstance(group, Group):

@@ -378,6 +378,17 @@ def test_what_is_unknown_ends_with_its_objects_and_with_everything(open_kb: Know
     assert open_kb.constraints() == []
 
 
+def test_an_initial_state_may_be_one_conjunction(open_kb: KnowledgeBase):
+    """P4: contingent problems write (:init (and ...)); it is the same as its parts."""
+    begin, end = "(:init", "(:goal"
+    head, rest = WUMPUS_PROBLEM.split(begin)
+    parts, tail = rest.split(end)
+    whole = f"{head}(:init (and {parts.rstrip().removesuffix(')')})) {end}{tail}"
+    open_kb.load(WUMPUS, whole)
+    assert open_kb.constraints() == KEPT
+    assert sorted(map(str, open_kb.state().facts)) == ["(alive)", "(at p1)"]
+
+
 def test_symbols_of_what_is_unknown_are_checked():
     """P4, D1: like any other condition."""
     domain = read_domain(WUMPUS)
