@@ -170,14 +170,11 @@ class StoreConnection(ABC):
     def bounds(self, values: Sequence[int | None]) -> str:
         """The same for numbers, as text: to be made once and used by many statements."""
 
-    @abstractmethod
     # -- transactions -----------------------------------------------------------------------------------------
 
-    @abstractmethod
     def begin(self, *, write: bool) -> None:
-        """Begin a transaction: for writing, as the store's one writer or the knowledge base's; or on one snapshot."""
-
-    def _begin(self, text: str, **how: bool) -> None:
+        """Begin a transaction: for writing, or on one snapshot of the store."""
+        text, how = self._beginning(write=write)
         started = time.monotonic()
         try:
             self._execute(text, **how)
@@ -186,6 +183,10 @@ class StoreConnection(ABC):
         self._has_written = False
         self.in_transaction = True
         self._log_wait(started)
+
+    @abstractmethod
+    def _beginning(self, *, write: bool) -> tuple[str, dict[str, Any]]:
+        """What begins a transaction, and how the driver is to execute it."""
 
     def _log_wait(self, started: float) -> None:
         waited = time.monotonic() - started
@@ -203,6 +204,9 @@ class StoreConnection(ABC):
                     f"{failure}; whether the transaction was stored is not known: see what the latest one is"
                 ) from error
             raise failure from error
+        self._committed()
+
+    def _committed(self) -> None:
         self.in_transaction = False
 
     def rollback(self) -> None:

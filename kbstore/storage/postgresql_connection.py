@@ -99,25 +99,24 @@ class PostgresqlConnection(StoreConnection):
         except self._error as error:
             raise self._failure(error) from error
 
-    def begin(self, *, write: bool) -> None:
-        """Begin a transaction, with its settings in the same message: for writing, or on one snapshot.
+    def _beginning(self, *, write: bool) -> tuple[str, dict[str, Any]]:
+        """The settings of the transaction are in the same message.
 
         Whether a server may be written to is left to the server (a standby, `default_transaction_read_only`).
         """
         if not write:
-            self._begin("BEGIN ISOLATION LEVEL REPEATABLE READ READ ONLY")
-        elif self.options.read_only:
-            self._begin("BEGIN ISOLATION LEVEL READ COMMITTED READ ONLY")
-        else:
-            # 0 would be for ever
-            patience = max(1, int(self.options.busy_timeout * 1000))
-            waits = "on" if self.options.durability == "full" else "off"
-            self._begin(
-                "BEGIN ISOLATION LEVEL READ COMMITTED;"
-                f" SET LOCAL lock_timeout = {patience}; SET LOCAL synchronous_commit = {waits}",
-                # several commands cannot be
-                prepare=False,
-            )
+            return "BEGIN ISOLATION LEVEL REPEATABLE READ READ ONLY", {}
+        if self.options.read_only:
+            return "BEGIN ISOLATION LEVEL READ COMMITTED READ ONLY", {}
+        # 0 would be for ever
+        patience = max(1, int(self.options.busy_timeout * 1000))
+        waits = "on" if self.options.durability == "full" else "off"
+        text = (
+            "BEGIN ISOLATION LEVEL READ COMMITTED;"
+            f" SET LOCAL lock_timeout = {patience}; SET LOCAL synchronous_commit = {waits}"
+        )
+        # several commands cannot be prepared
+        return text, {"prepare": False}
 
     def _note(self, error: Exception) -> None:
         del error

@@ -57,7 +57,8 @@ class Repository:
     def head(self, *, for_update: bool = False) -> Head:
         """Where the record stands in this snapshot; `for_update` makes other writers of this knowledge base wait."""
         if self._head is None or for_update:
-            row = self._connection.first(queries.head_for_update if for_update else queries.head, {"kb": self._kb})
+            read = self._connection.lock_row if for_update else self._connection.first
+            row = read(queries.head_for_update if for_update else queries.head, {"kb": self._kb})
             if row is None:
                 raise self._memory.gone()
             self._head = Head._make(row)

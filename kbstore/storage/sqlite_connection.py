@@ -136,15 +136,14 @@ class SqliteConnection(StoreConnection):
 
     # -- transactions -----------------------------------------------------------------------------------------
 
-    def begin(self, *, write: bool) -> None:
-        """Begin a transaction: for writing, with SQLite's only write lock; for reading, on one snapshot."""
+    def _beginning(self, *, write: bool) -> tuple[str, dict[str, Any]]:
+        """For writing, with the only write lock that SQLite has."""
         if write and self._lent:
             self._set(self._for_writing())
-        self._begin("BEGIN IMMEDIATE" if write else "BEGIN")
+        return "BEGIN IMMEDIATE" if write else "BEGIN", {}
 
-    def commit(self) -> None:
-        """Commit the transaction."""
-        super().commit()
+    def _committed(self) -> None:
+        super()._committed()
         # data_version does not tell of this connection's own commits
         self._memory.clear()
 
