@@ -266,6 +266,10 @@ class StoreConnection(ABC):
         return not self.is_lost
 
     @abstractmethod
+    def be_patient(self) -> None:
+        """Wait for the answers of this use without a deadline: for maintenance."""
+
+    @abstractmethod
     def database(self) -> object:
         """What tells two databases apart."""
 

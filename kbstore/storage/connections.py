@@ -17,7 +17,6 @@ from kbstore.storage.connection import Options, StoreConnection, inherited
 from kbstore.storage.driver_errors import unavailable
 from kbstore.storage.sqlite_connection import SqliteConnection
 
-
 class Connections(ABC):
     """The connections of one `Database`.
 
@@ -148,15 +147,15 @@ class ThreadConnections(Connections):
     def __init__(self, engine: Engine, options: Options) -> None:
         super().__init__(engine, options)
         self._has_one = isinstance(engine.pool, StaticPool)
-        self._one: StoreConnection | None = None
+        self._one: SqliteConnection | None = None
         self._threads: dict[StoreConnection, threading.Thread] = {}
         self._is_in_memory = False
 
-    def _mine(self) -> StoreConnection | None:
-        found: StoreConnection | None = self._one if self._has_one else getattr(self._local, "connection", None)
+    def _mine(self) -> SqliteConnection | None:
+        found: SqliteConnection | None = self._one if self._has_one else getattr(self._local, "connection", None)
         return found
 
-    def checkout(self) -> StoreConnection:
+    def checkout(self) -> SqliteConnection:
         """This thread's connection, opened where there is none; to be checked in."""
         while True:
             connection = self._mine()
@@ -171,7 +170,7 @@ class ThreadConnections(Connections):
             connection.uses += 1
             if self.is_closed:
                 self.checkin(connection)
-            elif connection.uses == 1 and isinstance(connection, SqliteConnection) and connection.was_moved():
+            elif connection.uses == 1 and connection.was_moved():
                 self.checkin(connection)
                 raise self.moved()
             else:
@@ -187,7 +186,7 @@ class ThreadConnections(Connections):
             # not before: who closes at that very moment would find it locked, and leave it open
             self._drop_unused(connection)
 
-    def _connect(self) -> StoreConnection:
+    def _connect(self) -> SqliteConnection:
         with self._opening:
             self._refuse_closed()
             if self._one is not None:

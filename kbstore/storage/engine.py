@@ -2,7 +2,6 @@
 
 import os
 from pathlib import Path
-from typing import Any
 
 from sqlalchemy import Engine, create_engine
 from sqlalchemy.engine import URL, make_url
@@ -10,26 +9,23 @@ from sqlalchemy.exc import ArgumentError, NoSuchModuleError
 from sqlalchemy.pool import NullPool, StaticPool
 
 from kbstore.errors import StoreUnavailable
+from kbstore.storage.server_engine import server_engine
 
 BUSY_TIMEOUT = 30.0
 """Seconds to wait for a lock that others hold, unless told otherwise."""
-
-POOL_SIZE = 15
-"""Connections that a process has to one server at most, unless the URL says `pool_size`."""
 
 
 def make_engine(url: str | os.PathLike[str] | URL, *, busy_timeout: float = BUSY_TIMEOUT) -> Engine:
     """An engine for a SQLAlchemy URL, or for the path of an SQLite file.
 
-    It pools nothing: a `Database` keeps its connections itself. Parameters of the URL that are kbstore's own, on
-    PostgreSQL: `pool_size`, the most connections of a process to the server; `prepare_threshold`, the number of
-    executions after which psycopg prepares a statement, or `none` for never, as PgBouncer before 1.21 needs it.
+    It pools nothing: a `Database` keeps its connections itself. `kbstore.storage.server_engine` has the parameters of
+    a server's URL that are kbstore's own.
     """
     parsed = parsed_url(url)
     refuse_others(parsed.get_backend_name())
     try:
         if parsed.get_backend_name() != "sqlite":
-            return _server_engine(parsed, busy_timeout)
+            return server_engine(parsed, busy_timeout)
         arguments = {"timeout": busy_timeout, "check_same_thread": False}
         in_memory = parsed.database in (None, "", ":memory:") or parsed.query.get("mode") == "memory"
         return create_engine(parsed, connect_args=arguments, poolclass=StaticPool if in_memory else NullPool)
@@ -54,37 +50,6 @@ def parsed_url(url: str | os.PathLike[str] | URL) -> URL:
         except ArgumentError as error:
             raise StoreUnavailable(f"{text!r} is neither a database URL nor a path: {error}") from None
     return parsed.set(drivername="postgresql+psycopg") if parsed.drivername == "postgresql" else parsed
-
-
-def _server_engine(url: URL, busy_timeout: float) -> Engine:
-    arguments: dict[str, Any] = {}
-    if "connect_timeout" not in url.query:
-        arguments["connect_timeout"] = connect_timeout(busy_timeout)
-    if "prepare_threshold" in url.query:
-        arguments["prepare_threshold"] = _number(url, "prepare_threshold", 0, or_none=True)
-    own = ("prepare_threshold", "pool_size")
-    return create_engine(url.difference_update_query(own), connect_args=arguments, poolclass=NullPool)
-
-
-def pool_size(url: URL) -> int:
-    """The most connections that a process has to a server."""
-    return (_number(url, "pool_size", 1) if "pool_size" in url.query else None) or POOL_SIZE
-
-
-def connect_timeout(busy_timeout: float) -> int:
-    """Seconds: a host that does not answer would be waited for as long as its network stack likes."""
-    return max(2, int(busy_timeout))
-
-
-def _number(url: URL, name: str, least: int, *, or_none: bool = False) -> int | None:
-    """A number in a URL's query."""
-    text = url.query[name]
-    if or_none and text == "none":
-        return None
-    if isinstance(text, str) and text.isdecimal() and int(text) >= least:
-        return int(text)
-    expected = f"a number from {least} on" + (", or none" if or_none else "")
-    raise StoreUnavailable(f"{name}={text} in the URL of a store: it is {expected}")
 
 
 def refuse_schema(url: URL, schema: str | None) -> None:

@@ -16,8 +16,9 @@ from kbstore.errors import StoreUnavailable
 from kbstore.storage import forks
 from kbstore.storage.connection import LOG, Options, StoreConnection, inherited
 from kbstore.storage.connections import Connections
-from kbstore.storage.engine import connect_timeout, make_engine, pool_size
+from kbstore.storage.engine import make_engine
 from kbstore.storage.postgresql_connection import PostgresqlConnection
+from kbstore.storage.server_engine import connect_timeout, pool_size
 from kbstore.storage.sqlite_connection import SqliteConnection
 
 
@@ -96,12 +97,13 @@ class ServerPool:
     _lock = threading.Lock()
     _shared: ClassVar[dict[tuple[str, int], "ServerPool"]] = {}
 
-    def __init__(self, engine: Engine, size: int) -> None:
+    def __init__(self, engine: Engine, url: URL) -> None:
         self.engine = engine
-        self._size = size
+        self._url = url
+        self._size = pool_size(url)
         self._users = 0
         self._idle: list[PostgresqlConnection] = []
-        self._room = threading.Semaphore(size)
+        self._room = threading.Semaphore(self._size)
 
     @classmethod
     def shared(cls, url: URL, busy_timeout: float) -> "ServerPool":
@@ -110,7 +112,7 @@ class ServerPool:
         with ServerPool._lock:
             pool = cls._shared.get(key)
             if pool is None:
-                pool = cls._shared[key] = cls(make_engine(url, busy_timeout=busy_timeout), pool_size(url))
+                pool = cls._shared[key] = cls(make_engine(url, busy_timeout=busy_timeout), url)
             pool._users += 1
         return pool
 

@@ -54,13 +54,24 @@ class PostgresqlConnection(StoreConnection):
     def __init__(self, driver: Any, options: Options, error: type[Exception]) -> None:
         """`error` is the root of the driver's errors."""
         super().__init__(driver, options, error, _plain)
+        self._patience: float | None = getattr(driver, "answer_timeout", None)
         self.lend(options)
 
     def lend(self, options: Options) -> None:
         """Serve a `Database` from here on."""
         self.options = options
+        self._wait(self._patience)
         schema = options.schema
         self._text = _plain if schema is None else lambda statement: qualified(_plain(statement), schema)
+
+    def _wait(self, seconds: float | None) -> None:
+        """Give up when the server has said nothing for so long; on a driver of the caller's, that is the caller's."""
+        if self._patience is not None:
+            self.driver.answer_timeout = seconds
+
+    def be_patient(self) -> None:
+        """Wait for the answers of this use without a deadline: for maintenance."""
+        self._wait(None)
 
     def look_up(self, statement: Lookup, *parameters: int) -> SqlRow | None:
         """The first row of a look-up, if any."""
@@ -110,6 +121,9 @@ class PostgresqlConnection(StoreConnection):
             return "BEGIN ISOLATION LEVEL READ COMMITTED READ ONLY", {}
         # 0 would be for ever
         patience = max(1, int(self.options.busy_timeout * 1000))
+        if self._patience is not None:
+            # a lock may be waited for, too
+            self._wait(self._patience + self.options.busy_timeout)
         waits = "on" if self.options.durability == "full" else "off"
         text = (
             "BEGIN ISOLATION LEVEL READ COMMITTED;"

@@ -16,6 +16,7 @@ from datetime import UTC, datetime
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
+from urllib.parse import quote, unquote, urlsplit
 
 import sqlalchemy as sa
 from sqlalchemy.engine import URL
@@ -23,6 +24,8 @@ from sqlalchemy.exc import DBAPIError
 
 from kbstore.errors import KbStoreError, SchemaOutOfDate, SchemaTooNew, SchemaUnknown, StoreUnavailable
 from kbstore.storage import tables
+from kbstore.storage.connection import LOG
+from kbstore.storage.driver_errors import sqlite_code
 from kbstore.storage.engine import make_engine, refuse_schema
 
 if TYPE_CHECKING:
@@ -52,6 +55,10 @@ Store = str | PathLike[str] | URL
 
 _SCRIPTS = ("migrations", "../migrations")
 """Where the migrations are, seen from the package: in an installed kbstore, and in a checkout."""
+
+_UNWRITABLE = (sqlite3.SQLITE_READONLY, sqlite3.SQLITE_CANTOPEN)
+
+_IMMUTABLE = {"immutable": "1", "uri": "true"}
 
 _PATIENCE = 600.0
 """Seconds that an upgrade waits for another one to finish."""
@@ -291,6 +298,9 @@ def _run(
     except CommandError as error:
         raise SchemaUnknown(f"{_shown(engine)} was left as it is: {error}") from error
     after = _stamps(connection, schema)
+    if (before[0] if before else None) != (after[0] if after else None):
+        found, made = (stamps[0] if stamps else "none" for stamps in (before, after))
+        LOG.info("%s: schema changed from %s to %s", _shown(engine), found, made)
     return Migrated(before[0] if before else None, after[0] if after else None, copy)
 
 
@@ -341,15 +351,23 @@ def _translating(engine: sa.Engine) -> Iterator[None]:
         if isinstance(error, KbStoreError):
             raise
         reason = str(getattr(error, "orig", None) or error).strip() or type(error).__name__
+        path = _file(engine)
+        if path is not None and sqlite_code(getattr(error, "orig", error)) in _UNWRITABLE and path.exists():
+            way_out = engine.url.set(database=f"file:{quote(str(path.absolute()))}").update_query_dict(_IMMUTABLE)
+            raise StoreUnavailable(
+                f"{_shown(engine)}: {reason}. SQLite writes beside a file in WAL mode even to read it; where that "
+                "cannot be, and nobody else writes to the file, open it with read_only=True as "
+                f"{way_out.render_as_string()}"
+            ) from error
         raise StoreUnavailable(f"{_shown(engine)}: {reason}; nothing has been changed") from error
 
 
 def _file(engine: sa.Engine) -> Path | None:
     """The file of an SQLite database; None in memory and for other databases."""
-    database = engine.url.database
-    if engine.dialect.name != "sqlite" or database in (None, "", ":memory:"):
+    database, query = engine.url.database, engine.url.query
+    if engine.dialect.name != "sqlite" or database in (None, "", ":memory:") or query.get("mode") == "memory":
         return None
-    return Path(database)
+    return Path(unquote(urlsplit(database).path) if database.startswith("file:") else database)
 
 
 def _shown(engine: sa.Engine) -> str:

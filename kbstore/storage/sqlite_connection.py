@@ -107,6 +107,9 @@ class SqliteConnection(StoreConnection):
             self._memory.clear()
         return self._memory
 
+    def be_patient(self) -> None:
+        """A file has no deadline."""
+
     def look_up(self, statement: Lookup, *parameters: int) -> SqlRow | None:
         """The first row of a look-up, if any."""
         try:

@@ -16,7 +16,7 @@ from kbstore.clock import TimeLike, isoformat, time
 from kbstore.errors import HistoryUnavailable, InvalidTime
 from kbstore.model.plain import Result
 from kbstore.reading.reader import Reader
-from kbstore.storage.connection import StoreConnection
+from kbstore.storage.connection import LOG, StoreConnection
 from kbstore.storage.records import Head
 from kbstore.storage.repository import Repository
 from kbstore.transfer import queries as statements
@@ -59,7 +59,9 @@ class _Archiving:
 
     def done(self) -> Archived:
         """Copy, check, delete, give the space back."""
+        LOG.info("archiving %s before %s into %s", self._reader.name, isoformat(self._before), self._path)
         with self._database.read() as session:
+            session.be_patient()
             repository = Repository(session, self._reader.kb, self._reader.memory)
             head = repository.head()
             self._refuse_future(head)
@@ -73,8 +75,10 @@ class _Archiving:
             session.run(statements.archive_history, self._at())
         deleted = self._delete(upto)
         with self._database.connect() as session:
+            session.be_patient()
             for statement in statements.reclaim[self._database.dialect]:
                 session.run(statement, {})
+        LOG.info("archived %s: %d rows deleted from the store", self._reader.name, deleted)
         return Archived(self._path, self._before, deleted)
 
     def _at(self) -> dict[str, int]:

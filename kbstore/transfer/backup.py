@@ -64,6 +64,7 @@ def _copy_rows(database: Database, path: Path, progress: Progress | None) -> Non
         with copied.wrap_errors():
             schema.ensure(copied.engine, read_only=False)
         with database.read() as source, copied.begin() as target:
+            source.be_patient()
             sources = [RowSource(source, name) for name in directory.names(source)]
             steps = Steps(progress, sum(sum(found.counts().values()) for found in sources))
             for found in sources:

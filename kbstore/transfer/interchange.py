@@ -35,6 +35,7 @@ def export_knowledge_base(url: Store, name: str, file: File, *, progress: Progre
         InvalidKnowledge: the file exists.
     """
     with opened(url) as database, database.read() as session:
+        session.be_patient()
         source = RowSource(session, name)
         with _writing(file) as output:
             return _export(source, output, progress)

@@ -233,6 +233,31 @@ def test_a_knowledge_base_in_a_schema(postgresql_url, kind, tmp_path):
     engine.dispose()
 
 
+def test_a_database_without_an_encoding(postgresql_url):
+    """A database in SQL_ASCII, from which text comes back as bytes, is refused in a sentence."""
+    admin = sa.create_engine(postgresql_url, isolation_level="AUTOCOMMIT")
+    with admin.connect() as connection:
+        connection.exec_driver_sql(
+            "CREATE DATABASE bytes ENCODING 'SQL_ASCII' LC_COLLATE 'C' LC_CTYPE 'C' TEMPLATE template0"
+        )
+        try:
+            with pytest.raises(StoreUnavailable, match=r"SQL_ASCII.*ENCODING 'UTF8'"):
+                kbstore.open(admin.url.set(database="bytes"))
+        finally:
+            connection.exec_driver_sql("DROP DATABASE bytes WITH (FORCE)")
+    admin.dispose()
+
+
+def test_functions_of_a_file_from_elsewhere_are_not_run(sqlite_file):
+    """A view that calls a function of the process is not evaluated in a store that may be somebody else's work."""
+    kbstore.open(sqlite_file).close()
+    with kbstore.open(sqlite_file) as kb, kb._database.connect() as connection:
+        connection.driver.create_function("harm", 0, lambda: 1)
+        connection.driver.execute("CREATE VIEW trap AS SELECT harm()")
+        with pytest.raises(sqlite3.OperationalError, match="unsafe use of harm"):
+            connection.driver.execute("SELECT * FROM trap")
+
+
 def test_no_schema_on_sqlite_when_opening(sqlite_file):
     """SQLite has no schemas: opening in one is refused, and makes no file."""
     for place in (sqlite_file, sa.create_engine(f"sqlite:///{sqlite_file}")):

@@ -115,6 +115,12 @@ class Pooler:
                 waiting -= read(server)[0] == b"Z"
             raise
 
+    @contextmanager
+    def frozen(self):
+        """Meanwhile nobody is answered."""
+        with self._lock:
+            yield
+
     def close(self):
         self._listener.close()
         for server in self._servers:

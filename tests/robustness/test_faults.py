@@ -1,6 +1,7 @@
 """Disks that are full, files that cannot be written or are not what they were: a typed error, and the old state."""
 
 import os
+import re
 import resource
 import shutil
 import sqlite3
@@ -147,6 +148,32 @@ def test_a_file_without_the_right_to_write(open_directory, read_only):
         assert kb.add("(open hall)").number == 2
 
 
+def ask_a_medium(path):
+    """Open a file of a read-only medium: the error says how, and what it says works."""
+    if os.geteuid() == 0:
+        os.setuid(NOBODY)
+    with pytest.raises(StoreUnavailable, match=r"read-only medium|immutable=1") as refusal:
+        kbstore.open(path, read_only=True)
+    url = re.search(r"sqlite:///file\S+immutable\S+", str(refusal.value))[0]
+    with kbstore.open(url, read_only=True) as kb:
+        assert kb.holds("(raining)")
+        assert len(kb.history("(raining)")) == 1
+        with pytest.raises(StoreUnavailable):
+            kb.add("(open hall)")
+
+
+def test_a_medium_that_is_read_only(open_directory):
+    """A file in WAL mode where nothing can be written beside it opens as immutable, and the error says how."""
+    path = open_directory / "the store #1.db"
+    with kbstore.open(path) as kb:
+        kb.add("(raining)")
+    before = path.read_bytes()
+    open_directory.chmod(0o555)
+    finish(start(ask_a_medium, path))
+    assert [file.name for file in open_directory.iterdir()] == [path.name]
+    assert path.read_bytes() == before
+
+
 def test_a_server_that_may_only_be_read(postgresql_url, name):
     """On a PostgreSQL server that is read-only, as a standby is, questions are answered and changes refused."""
     with kbstore.open(postgresql_url, name) as kb:
@@ -250,6 +277,25 @@ def test_a_file_that_is_taken_away(path):
     assert kb.holds("(raining)")
     kb.add("(open hall)")
     assert kb.holds("(open hall)")
+    kb.close()
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_a_file_that_is_made_anew(path, threads):
+    """Where a file was deleted and made anew, reading says so within a moment, in every thread; also as of long ago."""
+    kb = kbstore.open(path)
+    kb.add("a - thing", "(p a)")
+    with ThreadPoolExecutor(1) as other:
+        if threads == 2:
+            assert other.submit(kb.holds, "(p a)").result(30)
+        path.unlink()
+        with kbstore.open(path) as anew:
+            anew.add("b - thing")
+        time.sleep(0.05)
+        for ask in (lambda: kb.holds("(p a)"), lambda: kb.holds("(p a)", at=1), kb.state, lambda: list(kb.changes())):
+            with pytest.raises(StoreUnavailable, match="moved, deleted or replaced"):
+                other.submit(ask).result(30) if threads == 2 else ask()
+            time.sleep(0.02)
     kb.close()
 
 

@@ -18,7 +18,10 @@ from kbstore.storage.driver_errors import unavailable
 from kbstore.storage.engine import make_engine
 from kbstore.storage.statements import Statement
 
-PRAGMAS = ("journal_mode", "synchronous", "foreign_keys", "busy_timeout", "query_only")
+PRAGMAS = (
+    *("journal_mode", "synchronous", "foreign_keys", "busy_timeout", "query_only"),
+    *("trusted_schema", "journal_size_limit"),
+)
 
 
 @pytest.fixture
@@ -49,6 +52,8 @@ def test_durability_is_sqlites_synchronous(path, durability, synchronous):
             "foreign_keys": 1,
             "busy_timeout": 2500,
             "query_only": 0,
+            "trusted_schema": 0,
+            "journal_size_limit": 64 * 2**20,
         }
 
 

@@ -1,0 +1,123 @@
+"""SQLAlchemy engines for PostgreSQL: the parameters of a URL that are kbstore's own, and patience with a server.
+
+=====================  =========  ============================================================================
+parameter              default    what
+=====================  =========  ============================================================================
+``pool_size``          15         the most connections of a process to the server
+``answer_timeout``     30 s       how long a server may say nothing before the connection is given up; the
+                                  default follows `busy_timeout`, and is 5 s at least; ``none`` waits for ever
+``prepare_threshold``  5          executions after which psycopg prepares a statement; ``none`` is for poolers
+=====================  =========  ============================================================================
+
+A server that is stopped, or behind a firewall that drops packets, never answers, and the network stack may wait for
+hours. TCP keepalives and ``tcp_user_timeout`` find a host that is gone; a process that is stopped on a host that is
+not is found only by a deadline that the client keeps itself.
+"""
+
+import time
+from collections.abc import Generator
+from functools import cache
+from typing import Any
+
+from sqlalchemy import Engine, create_engine, event
+from sqlalchemy.engine import URL
+from sqlalchemy.pool import NullPool
+
+from kbstore.errors import StoreUnavailable
+
+_POOL_SIZE = 15
+_LEAST_PATIENCE = 5.0
+_OWN = ("answer_timeout", "pool_size", "prepare_threshold")
+
+
+def server_engine(url: URL, busy_timeout: float) -> Engine:
+    """An engine for a server, which pools nothing."""
+    arguments: dict[str, Any] = {"connect_timeout": connect_timeout(busy_timeout)}
+    patience = answer_timeout(url, busy_timeout)
+    if patience is not None:
+        seconds = max(1, int(patience))
+        arguments |= {"keepalives_idle": seconds, "keepalives_interval": max(1, seconds // 3), "keepalives_count": 3}
+        arguments["tcp_user_timeout"] = int(patience * 1000)
+    arguments = {name: value for name, value in arguments.items() if name not in url.query}
+    if "prepare_threshold" in url.query:
+        arguments["prepare_threshold"] = _number(url, "prepare_threshold", 0)
+    engine = create_engine(url.difference_update_query(_OWN), connect_args=arguments, poolclass=NullPool)
+
+    @event.listens_for(engine, "do_connect")
+    def connect(_dialect: Any, _record: Any, positional: Any, named: Any) -> Any:
+        connection = _patient().connect(*positional, **named)
+        connection.answer_timeout = patience
+        if connection.info.parameter_status("server_encoding") == "SQL_ASCII":
+            connection.close()
+            raise StoreUnavailable(
+                f"{engine.url.render_as_string(hide_password=True)} has the encoding SQL_ASCII, in which text comes "
+                "back as bytes; create a database for kbstore with ENCODING 'UTF8' (and TEMPLATE template0)"
+            )
+        return connection
+
+    return engine
+
+
+def connect_timeout(busy_timeout: float) -> int:
+    """Seconds: a host that does not answer would be waited for as long as its network stack likes."""
+    return max(2, int(busy_timeout))
+
+
+def answer_timeout(url: URL, busy_timeout: float) -> float | None:
+    """Seconds that a server may say nothing; None where it is waited for without an end."""
+    if "answer_timeout" in url.query:
+        return _number(url, "answer_timeout", 1)
+    return max(_LEAST_PATIENCE, busy_timeout)
+
+
+def pool_size(url: URL) -> int:
+    """The most connections that a process has to a server."""
+    return (_number(url, "pool_size", 1, or_none=False) if "pool_size" in url.query else None) or _POOL_SIZE
+
+
+def _number(url: URL, name: str, least: int, *, or_none: bool = True) -> int | None:
+    """A number in a URL's query."""
+    text = url.query[name]
+    if or_none and text == "none":
+        return None
+    if isinstance(text, str) and text.isdecimal() and int(text) >= least:
+        return int(text)
+    expected = f"a number from {least} on" + (", or none" if or_none else "")
+    raise StoreUnavailable(f"{name}={text} in the URL of a store: it is {expected}")
+
+
+@cache
+def _patient() -> Any:
+    """A psycopg connection that gives a silent server up; made late, since psycopg is an extra."""
+    import psycopg
+
+    class PatientConnection(psycopg.Connection):
+        """Closes itself, with an `OperationalError`, when the server has said nothing for `answer_timeout` seconds.
+
+        Silence counts, not the length of an answer: psycopg's wait is told every 0.1 s that nothing came.
+        """
+
+        answer_timeout: float | None = None
+
+        def wait(self, gen: Any, *arguments: Any, **named: Any) -> Any:
+            patience = self.answer_timeout
+            return super().wait(gen if patience is None else self._watched(gen, patience), *arguments, **named)
+
+        def _watched(self, gen: Any, patience: float) -> Generator[Any, Any, Any]:
+            try:
+                waits_for = next(gen)
+                deadline = 0.0
+                while True:
+                    ready = yield waits_for
+                    if ready:
+                        deadline = 0.0
+                    elif not deadline:
+                        deadline = time.monotonic() + patience
+                    elif time.monotonic() > deadline:
+                        self.close()
+                        raise psycopg.OperationalError(f"the server has not answered for {patience:g} s")
+                    waits_for = gen.send(ready)
+            except StopIteration as done:
+                return done.value
+
+    return PatientConnection
