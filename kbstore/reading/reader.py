@@ -76,8 +76,10 @@ class Reader:
         made.borrowed = connection
         made.domains = self.domains.copy()
         made.questions = PreparedQuestions(use_unknowns=self.use_unknowns, caching=False)
-        made.memory = StoreMemory(self.name)
         made._states = LRU(0)
+        made.memory = StoreMemory(self.name)
+        made.memory.progress.seen = self.memory.progress.seen
+        made.memory.when_gone_back(made._forget)
         return made
 
     def _forget(self) -> None:

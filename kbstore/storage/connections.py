@@ -17,6 +17,7 @@ from kbstore.storage.connection import Options, StoreConnection, inherited
 from kbstore.storage.driver_errors import unavailable
 from kbstore.storage.sqlite_connection import SqliteConnection
 
+
 class Connections(ABC):
     """The connections of one `Database`.
 

@@ -15,6 +15,7 @@ from kbstore.caches import LRU, TIMELINES
 from kbstore.errors import StoreWentBack
 from kbstore.messages import KnowledgeType
 from kbstore.model.timelines import Role, Timeline
+from kbstore.storage.connection import LOG
 from kbstore.storage.records import Head
 
 
@@ -117,6 +118,7 @@ class StoreMemory:
         with progress.lock:
             own = progress.acknowledged
             if progress.seen != now:
+                LOG.warning("%s: the store has gone back from transaction %d to %d", self.name, seen.number, now.number)
                 progress.seen = now
                 progress.returns += 1
                 for forget in progress.forgetting:

@@ -1,13 +1,16 @@
 """What an operator is told: `logging.getLogger("kbstore")`."""
 
 import logging
+import sqlite3
 import threading
 import time
+from contextlib import closing, suppress
 
 import psycopg
 import pytest
 
 import kbstore
+from kbstore.errors import StoreWentBack
 from kbstore.storage import connection, schema
 
 
@@ -68,3 +71,22 @@ def test_archiving(path, told):
     assert texts[0].startswith("archiving default before ")
     assert texts[1] == f"archived default: {done.rows} rows deleted from the store"
     assert len(texts) == 2
+
+
+def test_a_store_that_went_back(path, told):
+    """A backup that is restored under a running process is told, with both numbers."""
+    with kbstore.open(path) as kb:
+        kb.add("(raining)")
+        kbstore.backup(path, path.with_name("backup.db"))
+        kb.add("(open hall)")
+        kb.add("(open galley)")
+        with (
+            closing(sqlite3.connect(path.with_name("backup.db"))) as source,
+            closing(sqlite3.connect(path)) as target,
+        ):
+            source.backup(target)
+        with suppress(StoreWentBack):
+            kb.state()
+    assert [entry for entry in told() if "gone back" in entry[1]] == [
+        ("WARNING", "default: the store has gone back from transaction 3 to 1")
+    ]
