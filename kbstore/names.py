@@ -98,5 +98,24 @@ def check(name: str, what: str) -> None:
         raise InvalidKnowledge(f"the {what} name {_shown(name)} {wrong}")
 
 
+_UNSTORABLE = re.compile("[\x00\ud800-\udfff]")
+
+
+def unstorable(text: str) -> int | None:
+    """Where a text has what no store takes: a NUL, or half a surrogate pair; None if it has neither."""
+    found = _UNSTORABLE.search(text)
+    return None if found is None else found.start()
+
+
+def check_text(text: str, what: str) -> None:
+    """Raise `InvalidKnowledge` if a text, like a note, cannot be stored, or not exported and imported again."""
+    place = unstorable(text)
+    if place is not None:
+        raise InvalidKnowledge(
+            f"the {what} {text[:place]!r} goes on with {text[place]!r}, which no store keeps; "
+            "leave out NUL characters, and decode bytes as what they are encoded in"
+        )
+
+
 def _shown(name: str) -> str:
     return repr(name if len(name) <= 60 else name[:57] + "...")

@@ -11,6 +11,7 @@ from functools import cached_property
 from pathlib import Path
 
 from kbstore.errors import PddlSyntaxError
+from kbstore.names import unstorable
 
 MAX_DEPTH = 500_000
 """Brackets nested deeper than this are refused, so that a hostile file cannot fill the memory."""
@@ -61,7 +62,7 @@ class SourceText:
         if not isinstance(source, str | os.PathLike):
             raise PddlSyntaxError(f"give the path of a PDDL file, or PDDL text, not {source!r:.80}")
         if isinstance(source, str) and "(" in source and not _is_file(source):
-            return cls(source.removeprefix("\ufeff"))
+            return cls(source.removeprefix("\ufeff"))._checked()
         name = os.fspath(source)
         try:
             content = Path(name).read_bytes()
@@ -72,9 +73,16 @@ class SourceText:
                 "like '(define (domain ...) ...)'"
             ) from None
         try:
-            return cls(content.decode("utf-8-sig"), name)
+            return cls(content.decode("utf-8-sig"), name)._checked()
         except UnicodeDecodeError:
-            return cls(content.decode("latin-1"), name)
+            return cls(content.decode("latin-1"), name)._checked()
+
+    def _checked(self) -> "SourceText":
+        """Return the text itself. Raises `PddlSyntaxError` for a character that no store keeps, also in a comment."""
+        place = unstorable(self.text)
+        if place is not None:
+            raise self.error(f"the character {self.text[place]!r} cannot be stored; leave it out", place)
+        return self
 
     def place(self, offset: int) -> tuple[int, int]:
         """The line and the column of an offset, both counted from 1."""

@@ -17,6 +17,7 @@ from kbstore.model.domain import Domain
 from kbstore.model.results import Applicability, Run, Transaction
 from kbstore.model.symbols import SymbolTable
 from kbstore.model.timelines import Role, Timeline
+from kbstore.names import check_text
 from kbstore.pddl.domain_reader import read_domain
 from kbstore.pddl.problem_reader import read_problem
 from kbstore.pddl.sexpr import SourceText
@@ -60,6 +61,8 @@ class OpenTransaction:
         tolerance: int = TOLERANCE,
         guard: Callable[[], AbstractContextManager[None]] = nullcontext,
     ) -> None:
+        for text, what in ((client, "client"), (note, "note")):
+            check_text(text, what)
         self._reader = reader
         self._client = client
         self._note = note

@@ -767,3 +767,23 @@ def test_a_knowledge_base_has_a_name_that_can_be_shown(open_kb, store_url, name)
     odd = open_kb(f"Küche (2. Stock), {name!r}")
     odd.add("wp0 - place")
     assert odd.holds("wp0 - place")
+
+
+@pytest.mark.parametrize("character", ["\0", "\ud800"], ids=["NUL", "half a surrogate"])
+@pytest.mark.parametrize("field", ["client", "note"])
+def test_a_client_and_a_note_can_be_exported(kb, field, character):
+    """D3: a client or a note with a character that no export gives back is refused, and nothing is stored."""
+    with pytest.raises(kbstore.InvalidKnowledge, match=f"the {field} 'two words' goes on with"):
+        kb.add("(open hall)", **{field: f"two words{character}"})
+    assert not kb.holds("(open hall)")
+    assert kb.add("(open hall)", note="two words\nand a line, ä 😀").changes == 1
+
+
+@pytest.mark.parametrize("character", ["\0", "\ud800"], ids=["NUL", "half a surrogate"])
+def test_a_comment_of_a_domain_can_be_exported(bare, character):
+    """D3: the text of a domain is stored whole, so that a character that cannot be is refused with its place."""
+    with pytest.raises(kbstore.PddlSyntaxError, match="cannot be stored") as refused:
+        bare.load(f"(define (domain d)\n  ; a{character}b\n  (:predicates (p)))")
+    assert (refused.value.line, refused.value.column) == (2, 6)
+    with pytest.raises(kbstore.UnknownSymbol):
+        bare.domain  # noqa: B018
