@@ -61,10 +61,12 @@ class Identity(NamedTuple):
 class Timeline:
     """One timeline; `id` is 0 until it is stored."""
 
-    __slots__ = ("_words", "id", "key", "keys", "kind", "role", "shown", "spelling")
+    __slots__ = ("_words", "id", "identity", "key", "keys", "kind", "role", "shown", "spelling")
 
     keys: tuple[str, ...]
     """The words of the key: of an atom its symbol and its objects."""
+    identity: Identity
+    """Role, knowledge type and key."""
     _words: tuple[str, ...]
     shown: tuple[Sequence[str], tuple[Any, ...]] | None
     """The labels with which the arguments were shown last, and what was made of the two."""
@@ -83,6 +85,9 @@ class Timeline:
         if name == "keys":
             self.keys = self._split(self.key)
             return self.keys
+        if name == "identity":
+            self.identity = Identity(self.role, self.kind, self.key)
+            return self.identity
         if name == "_words":
             self._words = self._split(self.spelling)
             return self._words
@@ -100,11 +105,6 @@ class Timeline:
     def arguments(self) -> tuple[str, ...]:
         """The objects of an atom, as first written."""
         return self._words[1:]
-
-    @property
-    def identity(self) -> Identity:
-        """Role, knowledge type and key."""
-        return Identity(self.role, self.kind, self.key)
 
     def __repr__(self) -> str:
         return f"Timeline({self.id}, {self.role.name}, {self.kind.name}, {self.spelling!r})"

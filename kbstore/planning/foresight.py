@@ -1,7 +1,7 @@
 """Invariants that are expected to break: what follows from a start, played forward to its expected end (rule O6)."""
 
 from collections import defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cached_property
 
 from kbstore.errors import InvalidKnowledge
@@ -22,17 +22,21 @@ Break = tuple[Formula, Truth, int]
 """An over-all condition that is expected not to be true, what it is then, and from when on."""
 
 
-def expected_breaks(action: GroundAction, entry: RunningAction, at_start: Effects, simulator: Simulator) -> list[Break]:
+def expected_breaks(
+    action: GroundAction, entry: RunningAction, at_start: Effects, project: Callable[[], Simulator]
+) -> list[Break]:
     """Return the over-all conditions of an action that are expected to break before its expected end (rule O6).
 
-    `simulator` has the state before the start, at the time of the start. Raises `NotLinear` where that cannot be
-    decided. What processes or events may change is not looked ahead on (rule P4).
+    `project` gives the state before the start, at the time of the start, to be played forward. Raises `NotLinear` where
+    that cannot be decided. What processes or events may change is not looked ahead on (rule P4).
     """
     start, end = entry.run.started, entry.run.expected_end
     conditions = action.conditions(Timing.OVER_ALL)
-    domain = simulator.domain
-    if not conditions or start >= end or domain is None:
+    if not conditions or start >= end:
         return []
+    simulator = project()
+    domain = simulator.domain
+    assert domain is not None
     list(simulator.begin(entry, at_start))
     rows = simulator.rows
     events = list(simulator.advance(end - 1))

@@ -100,7 +100,7 @@ class ActionExecutor:
             self.last_run + 1,
             None if seconds == length.nanoseconds / SECOND else seconds,
         )
-        breaks = expected_breaks(action, RunningAction(run, remembered), at_start, state.projection())
+        breaks = expected_breaks(action, RunningAction(run, remembered), at_start, state.projection)
         if breaks and not force:
             raise NotApplicable(_refusal(action, _foreseen(breaks)))
         overruled = [*(condition for condition, _ in forced), *(condition for condition, _, _ in breaks)]
@@ -255,9 +255,7 @@ def applicability(
     remembered = start_conditions.remembered(action, Timing.OVER_ALL, world, duration=seconds)
     at_start = effects.evaluate(action, Timing.AT_START, world, duration=seconds)
     run = Run(action.action.name, action.arguments, state.at, length.nanoseconds, 0, seconds)
-    return Applicability(
-        _foreseen(expected_breaks(action, RunningAction(run, remembered), at_start, state.projection()))
-    )
+    return Applicability(_foreseen(expected_breaks(action, RunningAction(run, remembered), at_start, state.projection)))
 
 
 def _foreseen(breaks: Sequence[Break]) -> list[FailingCondition]:

@@ -40,10 +40,13 @@ class WorkingState:
         """What holds now, with the changes made so far."""
         now = self._change_set.now
         rows, pending = self._rows(domain)
-        simulator = self._simulator(rows, pending, domain)
-        for _ in simulator.advance(now):
-            pass
-        snapshot = Snapshot(now, simulator.rows, domain, self._use_unknowns)
+        standing = list(rows.values())
+        if self._moves_numbers(domain):
+            simulator = self._simulator(rows, pending, domain)
+            for _ in simulator.advance(now):
+                pass
+            standing = simulator.rows
+        snapshot = Snapshot(now, standing, domain, self._use_unknowns)
         return StateData(snapshot, list(pending.values()), self._executor.running)
 
     def follow_rates(self, domain: Domain | None) -> None:
