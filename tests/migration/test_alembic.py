@@ -15,7 +15,7 @@ from alembic.config import Config
 from alembic.util import CommandError
 
 from kbstore.storage import schema
-from tests.migration import worlds
+from tests.migration import rows_0001
 
 INI = str(Path(__file__).parents[2] / "alembic.ini")
 
@@ -59,7 +59,7 @@ def test_check_leaves_an_empty_database_empty(alembic, empty, engine):
     """`check` on an empty database says that it is not up to date, and writes nothing."""
     with pytest.raises(CommandError, match="not up to date"):
         alembic([f"url={empty}"], "check")
-    assert not worlds.objects(engine)
+    assert not rows_0001.objects(engine)
 
 
 def test_the_database_from_the_environment(alembic, tmp_path, monkeypatch):
@@ -88,7 +88,7 @@ def test_sql_for_sqlite(alembic, tmp_path):
     by_hand.close()
     schema.upgrade(tmp_path / "migrated.db")
     scripted, migrated = (sa.create_engine(f"sqlite:///{tmp_path / name}.db") for name in ("script", "migrated"))
-    assert worlds.objects(scripted) == worlds.objects(migrated)
+    assert rows_0001.objects(scripted) == rows_0001.objects(migrated)
     schema.check(tmp_path / "script.db")
     for engine in (scripted, migrated):
         engine.dispose()

@@ -9,7 +9,7 @@ import kbstore
 from kbstore.errors import SchemaOutOfDate, SchemaTooNew, SchemaUnknown, StoreUnavailable
 from kbstore.storage import schema, tables
 from kbstore.storage.engine import make_engine
-from tests.migration import worlds
+from tests.migration import rows_0001
 
 
 def stamp(engine, revision):
@@ -20,11 +20,11 @@ def stamp(engine, revision):
 def test_an_empty_database_is_set_up(engine):
     """An empty database gets the whole schema by the migrations, and is left alone the next time."""
     schema.ensure(engine, read_only=False)
-    assert tables.metadata.tables.keys() | {"fact_history", "current_goals"} <= worlds.objects(engine)
-    before = worlds.objects(engine)
+    assert tables.metadata.tables.keys() | {"fact_history", "current_goals"} <= rows_0001.objects(engine)
+    before = rows_0001.objects(engine)
     schema.ensure(engine, read_only=False)
     schema.ensure(engine, read_only=True)
-    assert worlds.objects(engine) == before
+    assert rows_0001.objects(engine) == before
 
 
 def test_each_store_in_memory_gets_the_same_schema():
@@ -33,7 +33,7 @@ def test_each_store_in_memory_gets_the_same_schema():
     for _ in range(2):
         engine = make_engine("sqlite://")
         schema.ensure(engine, read_only=False)
-        found.append(worlds.objects(engine))
+        found.append(rows_0001.objects(engine))
         with engine.connect() as connection:
             assert connection.exec_driver_sql(f"SELECT version_num FROM {schema.VERSION_TABLE}").all() == [
                 (schema.HEAD,)
@@ -56,10 +56,10 @@ def test_opening_again_is_cheap():
 def test_an_older_schema_is_refused(engine):
     """An older schema is not upgraded by opening; the refusal names both revisions and the command."""
     schema.upgrade(engine.url, "0001")
-    before = worlds.objects(engine)
+    before = rows_0001.objects(engine)
     with pytest.raises(SchemaOutOfDate, match=rf"schema 0001.*{schema.HEAD}.*kbstore db upgrade --url"):
         schema.ensure(engine, read_only=False)
-    assert worlds.objects(engine) == before
+    assert rows_0001.objects(engine) == before
 
 
 def test_a_newer_schema_is_refused(engine):
@@ -128,7 +128,7 @@ def test_an_empty_database_is_not_set_up_read_only(engine):
     engine.connect().close()
     with pytest.raises(SchemaOutOfDate, match=r"no schema yet.*kbstore db upgrade"):
         schema.ensure(engine, read_only=True)
-    assert not worlds.objects(engine)
+    assert not rows_0001.objects(engine)
 
 
 def test_a_file_that_is_not_there_is_not_made_by_reading(sqlite_file):

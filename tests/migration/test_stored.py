@@ -8,14 +8,14 @@ import sqlalchemy as sa
 import kbstore
 from kbstore import ManualClock, SchemaOutOfDate, seconds
 from kbstore.storage import schema, tables
-from tests.migration import story
+from tests.migration import stored_mission
 
 REVISIONS = [revision.number for revision in schema.history()]
 
 
 def stored(revision, path):
     """The stored file of a revision, unpacked."""
-    path.write_bytes(gzip.decompress((story.STORED / f"{revision}.db.gz").read_bytes()))
+    path.write_bytes(gzip.decompress((stored_mission.STORED / f"{revision}.db.gz").read_bytes()))
     return path
 
 
@@ -52,7 +52,7 @@ def url(request, tmp_path):
 
 def test_every_schema_has_its_file():
     """Whoever adds a revision adds a database file of it."""
-    assert sorted(path.name for path in story.STORED.iterdir()) == [f"{number}.db.gz" for number in REVISIONS]
+    assert sorted(path.name for path in stored_mission.STORED.iterdir()) == [f"{number}.db.gz" for number in REVISIONS]
 
 
 @pytest.mark.parametrize("revision", REVISIONS)
@@ -63,19 +63,19 @@ def test_up_and_down_and_up_again(url, revision):
     for _ in range(2):
         if revision != schema.HEAD:
             with pytest.raises(SchemaOutOfDate, match=f"has schema {revision}.*kbstore db upgrade"):
-                kbstore.open(url, story.NAME)
+                kbstore.open(url, stored_mission.NAME)
         schema.upgrade(url, backup=False)
-        with kbstore.open(url, story.NAME, clock=ManualClock(seconds(200)), read_only=True) as kb:
-            story.told(kb)
+        with kbstore.open(url, stored_mission.NAME, clock=ManualClock(seconds(200)), read_only=True) as kb:
+            stored_mission.told(kb)
         schema.downgrade(url, REVISIONS[0] if revision == schema.HEAD else revision, backup=False)
     schema.upgrade(url, backup=False)
-    with kbstore.open(url, story.NAME, clock=ManualClock(seconds(200))) as kb:
-        assert kb.add("wp2 - place", "(open wp2)").number == len(story.CLIENTS) + 1
-        story.told(kb)
+    with kbstore.open(url, stored_mission.NAME, clock=ManualClock(seconds(200))) as kb:
+        assert kb.add("wp2 - place", "(open wp2)").number == len(stored_mission.CLIENTS) + 1
+        stored_mission.told(kb)
 
 
 def test_the_story_is_as_it_is_told(tmp_path):
-    """Today's kbstore tells the story in the same way as those that wrote the files."""
-    story.tell(tmp_path / "today.db")
-    with kbstore.open(tmp_path / "today.db", story.NAME, clock=ManualClock(seconds(200))) as kb:
-        story.told(kb)
+    """Today's kbstore plays the mission with the same answers as those that wrote the files."""
+    stored_mission.tell(tmp_path / "today.db")
+    with kbstore.open(tmp_path / "today.db", stored_mission.NAME, clock=ManualClock(seconds(200))) as kb:
+        stored_mission.told(kb)

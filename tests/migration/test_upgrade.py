@@ -14,7 +14,7 @@ from alembic.util import CommandError
 
 from kbstore.errors import SchemaUnknown, StoreUnavailable
 from kbstore.storage import schema
-from tests.migration import processes, worlds
+from tests.migration import processes, rows_0001
 
 MIGRATIONS = Path(__file__).parents[2] / "migrations"
 
@@ -65,17 +65,17 @@ def test_data_survives_up_and_down(engine):
     """An upgrade and a downgrade keep every row as it is, and a downgrade to nothing leaves nothing."""
     url = engine.url
     assert schema.upgrade(url, "0001") == (None, "0001", None)
-    filled = worlds.fill(engine)
-    at_first = worlds.objects(engine)
+    filled = rows_0001.fill(engine)
+    at_first = rows_0001.objects(engine)
     for _ in range(2):
         done = schema.upgrade(url, backup=False)
         assert (done.before, done.after) == ("0001", schema.HEAD)
-        assert worlds.digest(engine) == filled
+        assert rows_0001.digest(engine) == filled
         assert schema.downgrade(url, "0001", backup=False)[:2] == (schema.HEAD, "0001")
-        assert worlds.digest(engine) == filled
-        assert worlds.objects(engine) == at_first
+        assert rows_0001.digest(engine) == filled
+        assert rows_0001.objects(engine) == at_first
     schema.downgrade(url, "base", backup=False)
-    assert worlds.objects(engine) <= {schema.VERSION_TABLE, f"{schema.VERSION_TABLE}_pkc"} | {
+    assert rows_0001.objects(engine) <= {schema.VERSION_TABLE, f"{schema.VERSION_TABLE}_pkc"} | {
         "sqlite_autoindex_kbstore_alembic_version_1"
     }
 
@@ -90,21 +90,21 @@ def test_a_revision_that_there_is_not(engine):
     """Asking for a revision that does not exist is refused, and nothing changes."""
     with pytest.raises(SchemaUnknown, match="0777"):
         schema.upgrade(engine.url, "0777")
-    assert not worlds.objects(engine)
+    assert not rows_0001.objects(engine)
 
 
 def test_an_sqlite_file_is_copied_first(sqlite_file):
     """Before a file with a store is changed, it is copied: the copy has the old schema and all rows."""
     schema.upgrade(sqlite_file, "0001")
     engine = sa.create_engine(f"sqlite:///{sqlite_file}")
-    filled = worlds.fill(engine)
+    filled = rows_0001.fill(engine)
     engine.dispose()
     copy = schema.upgrade(sqlite_file).copy
     assert copy is not None
     assert copy.parent == sqlite_file.parent
     assert schema.current(copy) == "0001"
     copied = sa.create_engine(f"sqlite:///{copy}")
-    assert worlds.digest(copied) == filled
+    assert rows_0001.digest(copied) == filled
     copied.dispose()
     assert sorted(path.name for path in copy.parent.iterdir()) == [sqlite_file.name, copy.name]
 
@@ -133,19 +133,19 @@ def test_nothing_is_changed_where_the_copy_fails(sqlite_file, monkeypatch):
 def test_a_migration_that_fails_leaves_nothing(engine, tmp_path):
     """An exception in the middle of a migration takes back all of it, and all migrations before it of the same run."""
     schema.upgrade(engine.url, "0001")
-    filled = worlds.fill(engine)
-    before = worlds.objects(engine)
+    filled = rows_0001.fill(engine)
+    before = rows_0001.objects(engine)
     with pytest.raises(RuntimeError, match="in the middle"):
         upgrade_with(later(tmp_path, 'raise RuntimeError("in the middle")'), engine)
-    assert worlds.objects(engine) == before
-    assert worlds.digest(engine) == filled
+    assert rows_0001.objects(engine) == before
+    assert rows_0001.digest(engine) == filled
     assert schema.upgrade(engine.url, backup=False).after == schema.HEAD
 
 
 def test_a_migration_that_loses_rows_is_undone(engine, tmp_path):
     """Rows are counted: where a table has fewer of them afterwards, all is taken back."""
     schema.upgrade(engine.url)
-    filled = worlds.fill(engine)
+    filled = rows_0001.fill(engine)
     with pytest.raises(CommandError, match="facts: 1, mentions: 1"):
         upgrade_with(
             later(
@@ -154,7 +154,7 @@ def test_a_migration_that_loses_rows_is_undone(engine, tmp_path):
             ),
             engine,
         )
-    assert worlds.digest(engine) == filled
+    assert rows_0001.digest(engine) == filled
     assert schema.current(engine.url) == schema.HEAD
 
 
@@ -162,10 +162,10 @@ def test_a_migration_that_orphans_rows_is_undone_on_sqlite(sqlite_file, tmp_path
     """Foreign keys are off meanwhile on SQLite, and checked before the end."""
     schema.upgrade(sqlite_file)
     engine = sa.create_engine(f"sqlite:///{sqlite_file}")
-    filled = worlds.fill(engine)
+    filled = rows_0001.fill(engine)
     with pytest.raises(CommandError, match="facts to timelines"):
         upgrade_with(later(tmp_path, 'op.execute("UPDATE timelines SET id = 7 WHERE id = 2")'), engine)
-    assert worlds.digest(engine) == filled
+    assert rows_0001.digest(engine) == filled
     engine.dispose()
 
 
@@ -174,7 +174,7 @@ def test_a_table_made_anew_keeps_its_children_on_sqlite(sqlite_file, tmp_path):
     schema.upgrade(sqlite_file, "0001")
     body = 'with op.batch_alter_table("timelines") as batch: batch.alter_column("spelling", new_column_name="shown")'
     engine = sa.create_engine(f"sqlite:///{sqlite_file}")
-    worlds.fill(engine)
+    rows_0001.fill(engine)
     with engine.connect() as connection:
         facts = connection.exec_driver_sql("SELECT * FROM facts").all()
     upgrade_with(later(tmp_path, body, after="0001"), engine)
@@ -196,7 +196,7 @@ def test_several_processes_upgrade_at_once(empty):
             process.join(60)
         assert [process.exitcode for process in started] == [0] * 4
         assert schema.current(empty) == schema.HEAD
-        assert filled is None or worlds.digest(engine) == filled
+        assert filled is None or rows_0001.digest(engine) == filled
         schema.downgrade(empty, "base", backup=False)
     engine.dispose()
 
@@ -206,13 +206,13 @@ def test_killed_at_any_statement(empty, old):
     """Killed at any of its statements, an upgrade leaves the old schema, and the next one finishes with all data."""
     engine = sa.create_engine(empty)
     filled = fill_old(empty, engine) if old else None
-    before = worlds.objects(engine)
+    before = rows_0001.objects(engine)
     kills = 0
     for statement in range(1, 1000, 1 if old else max(1, 100 // KILLS)):
         process = processes.start(processes.upgrade_killed_at, empty, statement)
         process.join(60)
-        assert filled is None or worlds.digest(engine) == filled
-        if worlds.objects(engine) != before:
+        assert filled is None or rows_0001.digest(engine) == filled
+        if rows_0001.objects(engine) != before:
             # it has sent COMMIT
             break
         assert process.exitcode == -signal.SIGKILL
@@ -226,4 +226,4 @@ def test_killed_at_any_statement(empty, old):
 def fill_old(url, engine):
     """Set up revision 0001 and write some rows; their digest."""
     schema.upgrade(url, "0001")
-    return worlds.fill(engine)
+    return rows_0001.fill(engine)

@@ -19,7 +19,7 @@ from kbstore import (
     seconds,
 )
 from tests.conftest import DOMAIN, OBJECTS
-from tests.transfer import lives
+from tests.transfer import random_histories
 
 
 def at(n):
@@ -168,7 +168,7 @@ def test_why_something_is_absent_may_be_archived(archived):
 def test_an_operator_whose_condition_failed_before(open_kb, clock, archive_path):
     """O1, Q7: what fails is named, also where since when it fails has been archived; nothing is started."""
     kb = open_kb()
-    kb.load(lives.DOMAIN.replace("(at start (not (busy ?r)))", "(at start (lit))"))
+    kb.load(random_histories.DOMAIN.replace("(at start (not (busy ?r)))", "(at start (lit))"))
     kb.add("a - place", "r - robot", "(lit)", "(= (cost) 0)", "(= (battery r) 50)")
     clock.set(at(10))
     kb.remove("(lit)")
@@ -226,7 +226,7 @@ def test_the_time_itself_is_kept(kb, archive_path):
 def test_what_ran_at_the_time_itself_is_kept(open_kb, clock, archive_path):
     """Q2, O3, Q7: what was believed at that very time, before an action ended, is still known."""
     kb = open_kb()
-    kb.load(lives.DOMAIN)
+    kb.load(random_histories.DOMAIN)
     kb.add("a - place", "r - robot", "(= (cost) 0)", "(= (battery r) 50)")
     clock.set(at(10))
     kb.end(kb.start("work", "r", "a", duration=seconds(5)))
@@ -247,7 +247,7 @@ def test_what_ran_at_the_time_itself_is_kept(open_kb, clock, archive_path):
 def test_what_a_run_remembers_of_its_start_is_kept(open_kb, clock, archive_path):
     """O3, Q7: in the store where it goes on, and in the archive, where its end is expected."""
     kb = open_kb()
-    kb.load(lives.DOMAIN)
+    kb.load(random_histories.DOMAIN)
     kb.add("a - place", "r - robot", "(lit)", "(= (cost) 0)", "(= (battery r) 50)")
     clock.set(at(11))
     run = kb.start("work", "r", "a", duration=seconds(30))

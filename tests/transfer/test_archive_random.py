@@ -1,10 +1,10 @@
-"""Archives of random lives: with scheduled, cancelled and ended things, objects, goals, metric, domains and runs."""
+"""Archives of random histories: with scheduled, cancelled and ended things, objects, goals, metric, domains and runs."""
 
 import pytest
 
 import kbstore
 from kbstore import HistoryUnavailable, ManualClock, seconds
-from tests.transfer.lives import START, answers, live, picture, reasons
+from tests.transfer.random_histories import START, answers, live, picture, reasons
 
 STEPS = 32
 

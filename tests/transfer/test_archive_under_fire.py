@@ -14,7 +14,7 @@ from kbstore import HistoryUnavailable, ManualClock, seconds
 from kbstore.transfer import archive as moving
 from kbstore.transfer import rows
 from tests.transfer import processes
-from tests.transfer.lives import START, answers, live, picture
+from tests.transfer.random_histories import START, answers, live, picture
 
 KILLS = int(os.environ.get("KBSTORE_TEST_KILLS", "4"))
 

@@ -11,7 +11,7 @@ from kbstore import InvalidKnowledge, ManualClock, StoreUnavailable
 from kbstore.storage import schema
 from kbstore.transfer import backup as backing_up
 from kbstore.transfer import rows
-from tests.transfer.lives import START, answers, live
+from tests.transfer.random_histories import START, answers, live
 
 
 @pytest.fixture(params=["sqlite", "postgresql"])

@@ -14,8 +14,8 @@ import kbstore
 from kbstore import InvalidKnowledge, ManualClock, SchemaTooNew, StoreUnavailable, seconds
 from kbstore.transfer import rows as transfer
 from kbstore.transfer.jsonl import VERSION
-from tests.migration import story
-from tests.transfer.lives import DOMAIN, START, answers, live
+from tests.migration import stored_mission
+from tests.transfer.random_histories import DOMAIN, START, answers, live
 
 
 @pytest.fixture(scope="module")
@@ -140,13 +140,13 @@ def test_lines_can_be_read_by_anybody(lived):
 
 
 def test_every_version_of_the_format_is_read(tmp_path):
-    """A file that was written under each version of the format gives back the story that it tells."""
+    """A file that was written under each version of the format gives back the mission that it records."""
     stored = Path(__file__).parent / "stored"
     assert [path.name for path in stored.iterdir()] == [f"{version}.jsonl" for version in range(1, VERSION + 1)]
     for path in stored.iterdir():
         kbstore.import_knowledge_base(tmp_path / "store.db", path)
-        with kbstore.open(tmp_path / "store.db", story.NAME, clock=ManualClock(seconds(200))) as kb:
-            story.told(kb)
+        with kbstore.open(tmp_path / "store.db", stored_mission.NAME, clock=ManualClock(seconds(200))) as kb:
+            stored_mission.told(kb)
 
 
 def test_the_file_may_be_compressed_or_a_pipe(sqlite_url, lived, tmp_path):

@@ -1,4 +1,4 @@
-"""Random lives of a knowledge base, and everything that can be asked about one, for comparing answers."""
+"""Random histories of a knowledge base, and everything that can be asked about one, for comparing answers."""
 
 import random
 from collections.abc import Iterator

@@ -1,6 +1,6 @@
-"""A short life, told by hand, with what it answers at many times: what every stored database file of a schema holds.
+"""A short mission, written by hand, and its answers at many times: the content of every stored database file.
 
-A file was made by the kbstore that had its schema: ``python -m tests.migration.story`` writes the one of today.
+Each file was written by the kbstore that had its schema; ``python -m tests.migration.stored_mission`` writes today's.
 """
 
 import gzip
@@ -92,7 +92,7 @@ CLIENTS = ["", "mapper", "", "driver", "driver", "planner", "planner", "", "mapp
 
 
 def tell(url):
-    """Tell the story: ten transactions."""
+    """Play the mission: ten transactions."""
     clock = ManualClock(seconds(100))
     with kbstore.open(url, NAME, clock=clock) as kb:
         kb.load(DOMAIN)
@@ -122,7 +122,7 @@ def tell(url):
 
 
 def told(kb):
-    """Check everything that the story says against what a knowledge base answers."""
+    """Check the answers of a knowledge base at many times."""
     for second, expected in STATES.items():
         assert shown(kb.state(at=seconds(second))) == {name: expected.get(name, []) for name in SHOWN}, second
     assert texts(kb.state(at=seconds(175), as_of=seconds(152)).facts) == BELIEVED_AT_152_ABOUT_175
