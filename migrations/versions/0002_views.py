@@ -101,11 +101,15 @@ def history(table: str, own: Columns, role: int = STATE) -> str:
     )
     is_cancelled = f"f.level = {EMPTY} AND f.ended_tx IS NULL"
     # the transaction that ended it, or that recorded what ended it by the clock: the next one, or an object's end
+    # what is known now and began at a time is found by the index of beginnings, on each level
+    levels = ", ".join(map(str, range(OPEN_LEVEL + 1)))
+    sqlite = op.get_context().dialect.name == "sqlite"
+    by_begin, by_key = (f" INDEXED BY {name}" if sqlite else "" for name in ("ix_instances_begin", "ux_timelines_key"))
     ender = (
         f"CASE WHEN {is_cancelled} THEN NULL ELSE coalesce(f.ended_tx, {next_tx}, (SELECT min(o.recorded_tx)"
-        " FROM mentions m JOIN instances o ON o.kb_id = m.kb_id AND o.timeline_id = m.object_id"
-        " WHERE m.kb_id = f.kb_id AND m.timeline_id = f.timeline_id AND o.initial_time = f.end_time"
-        " AND o.retired_tx IS NULL AND o.is_negative)) END"
+        f" FROM instances o{by_begin} CROSS JOIN mentions m"
+        f" WHERE o.kb_id = f.kb_id AND o.level IN ({levels}) AND o.initial_time = f.end_time AND o.is_negative"
+        " AND m.kb_id = f.kb_id AND m.object_id = o.timeline_id AND m.timeline_id = f.timeline_id)) END"
     )
     columns: Columns = {
         "knowledge_base": "k.name",
@@ -138,8 +142,10 @@ def history(table: str, own: Columns, role: int = STATE) -> str:
     # in two parts, as each has an index of its own
     return " UNION ALL ".join(
         f"SELECT {listed(columns)} FROM knowledge_bases k"
-        f" JOIN timelines t ON t.kb_id = k.id AND t.role = {role} AND t.knowledge_type = {kind}"
-        f" JOIN {table} f ON f.kb_id = k.id AND f.timeline_id = t.id AND f.retired_tx IS {retired}"
+        # in this order, whatever SQLite guesses
+        f" CROSS JOIN timelines t{by_key} JOIN {table} f"
+        f" ON t.kb_id = k.id AND t.role = {role} AND t.knowledge_type = {kind}"
+        f" AND f.kb_id = k.id AND f.timeline_id = t.id AND f.retired_tx IS {retired}"
         " LEFT JOIN transactions r ON r.kb_id = k.id AND r.number = coalesce(f.told_tx, f.recorded_tx)"
         " LEFT JOIN transactions b ON b.kb_id = k.id AND b.number = f.recorded_tx"
         f" LEFT JOIN transactions e ON e.kb_id = k.id AND e.number = {ender}"

@@ -192,6 +192,25 @@ def test_schedules_and_revisions_are_found_by_their_indexes_on_sqlite(sqlite, na
     assert f"SEARCH {used}" in sqlite_plan(sqlite, getattr(queries, name))
 
 
+HISTORY_OF_ONE = (
+    "SELECT * FROM {view} WHERE knowledge_base = 'kb2' AND timeline_key = '{key}'",
+    "SELECT * FROM {view} WHERE knowledge_base = 'kb2' AND timeline_key >= '{key}' AND timeline_key < '{key}!'",
+)
+"""What is asked of the views of history, however long that is: one timeline, and those of a symbol."""
+
+
+@pytest.mark.parametrize("view", ["fact_history", "function_history", "instance_history"])
+@pytest.mark.parametrize("question", HISTORY_OF_ONE)
+def test_the_history_of_a_timeline_is_read_by_its_index_on_sqlite(sqlite, view, question):
+    """A condition on `timeline_key` goes down to the timelines, and from there to their rows; nothing is scanned."""
+    plan = [step[3] for step in sqlite.execute(f"EXPLAIN QUERY PLAN {question.format(view=view, key='p1 o1')}")]
+    table = f"{view.partition('_')[0]}s"
+    for index in (f"ux_{table}_timeline", f"ix_{table}_retired"):
+        assert f"SEARCH f USING INDEX {index} (kb_id=? AND timeline_id=?)" in plan
+    assert [step for step in plan if step.startswith("SEARCH t USING INDEX ux_timelines_key (kb_id=? AND role=?")]
+    assert not [step for step in plan if goes_through(step) and not re.fullmatch(rf"SCAN (q|{view})", step)]
+
+
 # -- PostgreSQL -----------------------------------------------------------------------------------------------------
 
 ON_LARGE_TABLES = [
@@ -230,3 +249,12 @@ def test_the_plan_for_an_empty_table_holds_when_it_is_full_on_postgresql(young_p
         if re.search(r"Index Cond: \(kb_id = \S+\)$", condition) and "using pk_heads on heads" not in scan
     ]
     assert not whole + [step for step in plan if "Seq Scan" in step]
+
+
+@pytest.mark.parametrize("question", HISTORY_OF_ONE)
+def test_the_history_of_a_timeline_is_read_by_its_index_on_postgresql(long_postgresql, question):
+    """The same on PostgreSQL."""
+    text = question.format(view="fact_history", key="p1 o1")
+    plan = [row[0] for row in long_postgresql.execute(f"EXPLAIN {text}")]
+    assert any("ux_facts_timeline" in step for step in plan)
+    assert not [step for step in plan if "Seq Scan on facts" in step]
