@@ -50,6 +50,7 @@ from kbstore.names import key
 from kbstore.pddl.strict_names import StrictPddl, strict_domain, strict_problem
 from kbstore.pddl.writer import write_domain
 from kbstore.reading.answers import Answers
+from kbstore.reading.beliefs import Belief, beliefs
 from kbstore.reading.condition_watch import ConditionWatch, TruthChange
 from kbstore.reading.difference import difference
 from kbstore.reading.explanation import Explainer
@@ -212,39 +213,69 @@ class KnowledgeBase:
             raise Conflict("a transaction is open in this thread; write through it, or leave its block first")
 
     def add(
-        self, *items: Knowledge, initial_time: TimeLike | None = None, client: str = "", note: str = ""
+        self,
+        *items: Knowledge,
+        initial_time: TimeLike | None = None,
+        since: TimeLike | None = None,
+        until: TimeLike | None = None,
+        client: str = "",
+        note: str = "",
     ) -> Transaction:
         """Add knowledge to the state: items, their PDDL text, or messages.
 
-        `initial_time` counts for items without one of their own; one after now makes timed-initial knowledge.
+        `initial_time` counts for items without one of their own; one after now makes timed-initial knowledge. What has
+        held since a time in the past is late knowledge, given with `since`: it holds until whatever begins or ends
+        next, or `until` a time that is not after now (rules L1, L2).
         Raises `InvalidKnowledge` with all violations; nothing is stored then.
         """
         with self.transaction(client=client, note=note) as tx:
-            tx.add(*items, initial_time=initial_time)
+            tx.add(*items, initial_time=initial_time, since=since, until=until)
         return tx.result
 
     def remove(
-        self, *items: Knowledge, initial_time: TimeLike | None = None, client: str = "", note: str = ""
+        self,
+        *items: Knowledge,
+        initial_time: TimeLike | None = None,
+        since: TimeLike | None = None,
+        until: TimeLike | None = None,
+        client: str = "",
+        note: str = "",
     ) -> Transaction:
-        """Remove what matches from the state (``?`` matches any object); at a later time, cancel what is scheduled."""
+        """Remove what matches from the state (``?`` matches any object); at a later time, cancel what is scheduled.
+
+        With `since`, a time in the past, remove what matched then, up to whatever begins next; with `until`, what
+        matched between the two (rule L3).
+        """
         with self.transaction(client=client, note=note) as tx:
-            tx.remove(*items, initial_time=initial_time)
+            tx.remove(*items, initial_time=initial_time, since=since, until=until)
         return tx.result
 
     def add_goal(
-        self, *goals: Knowledge, initial_time: TimeLike | None = None, client: str = "", note: str = ""
+        self,
+        *goals: Knowledge,
+        initial_time: TimeLike | None = None,
+        since: TimeLike | None = None,
+        until: TimeLike | None = None,
+        client: str = "",
+        note: str = "",
     ) -> Transaction:
         """Add to the goal; a conjunction is split into its parts (rule C10)."""
         with self.transaction(client=client, note=note) as tx:
-            tx.add_goal(*goals, initial_time=initial_time)
+            tx.add_goal(*goals, initial_time=initial_time, since=since, until=until)
         return tx.result
 
     def remove_goal(
-        self, *goals: Knowledge, initial_time: TimeLike | None = None, client: str = "", note: str = ""
+        self,
+        *goals: Knowledge,
+        initial_time: TimeLike | None = None,
+        since: TimeLike | None = None,
+        until: TimeLike | None = None,
+        client: str = "",
+        note: str = "",
     ) -> Transaction:
         """Remove from the goal."""
         with self.transaction(client=client, note=note) as tx:
-            tx.remove_goal(*goals, initial_time=initial_time)
+            tx.remove_goal(*goals, initial_time=initial_time, since=since, until=until)
         return tx.result
 
     def add_metric(
@@ -264,11 +295,17 @@ class KnowledgeBase:
         return tx.result
 
     def update(
-        self, updates: Iterable[tuple[UpdateType | int, Knowledge]], *, client: str = "", note: str = ""
+        self,
+        updates: Iterable[tuple[UpdateType | int, Knowledge]],
+        *,
+        since: TimeLike | None = None,
+        until: TimeLike | None = None,
+        client: str = "",
+        note: str = "",
     ) -> Transaction:
         """Several updates, in order, all or none."""
         with self.transaction(client=client, note=note) as tx:
-            tx.update(updates)
+            tx.update(updates, since=since, until=until)
         return tx.result
 
     def ingest(
@@ -531,13 +568,23 @@ class KnowledgeBase:
 
     # -- over time --------------------------------------------------------------------------------------------
 
-    def history(self, pattern: Knowledge, since: TimeLike | None = None, until: TimeLike | None = None) -> Assertions:
-        """The assertions that match a pattern, in order of time; ``?`` matches any object (rule Q3)."""
-        return self._history.assertions(pattern, since, until)
+    def history(
+        self,
+        pattern: Knowledge,
+        since: TimeLike | None = None,
+        until: TimeLike | None = None,
+        as_of: AsOf | None = None,
+    ) -> Assertions:
+        """The assertions that match a pattern, in order of time; ``?`` matches any object (rule Q3).
 
-    def when(self, condition: Question, since: TimeLike, until: TimeLike) -> Intervals:
+        With `as_of` (a time or a `Transaction`), those that were on record then, as they were.
+        """
+        return self._history.assertions(pattern, since, until, as_of)
+
+    def when(self, condition: Question, since: TimeLike, until: TimeLike, as_of: AsOf | None = None) -> Intervals:
         """The maximal half-open intervals in ``[since, until)`` in which a condition is true (rule Q4).
 
+        With `as_of` (a time or a `Transaction`), as it was believed then.
         Raises `NotLinear` where a comparison is not linear in time within the span.
         """
         with self._reader.repository() as repository:
@@ -545,13 +592,26 @@ class KnowledgeBase:
             first, last = time(since, now), time(until, now)
             if last < first:
                 raise InvalidTime(f"until ({isoformat(last)}) is before since ({isoformat(first)}); give them in order")
-            return when_true(self._reader, repository, condition, first, last)
+            return when_true(self._reader, repository, condition, first, last, as_of)
 
-    def diff(self, t1: TimeLike, t2: TimeLike) -> Diff:
-        """Return what became true, false or was withdrawn, and how numbers changed, from `t1` to `t2` (rule Q5)."""
+    def beliefs(self, condition: Question, at: TimeLike) -> list[Belief]:
+        """Return what was believed of one time, over transaction time: since when was it known (rule L4).
+
+        Returns:
+            Intervals of transaction time ``(since, until, truth)``, half-open, from the first transaction on; the last
+            has `until` None.
+        """
+        with self._reader.repository() as repository:
+            return beliefs(self._reader, repository, condition, at)
+
+    def diff(self, t1: TimeLike, t2: TimeLike, as_of: AsOf | None = None) -> Diff:
+        """Return what became true, false or was withdrawn, and how numbers changed, from `t1` to `t2` (rule Q5).
+
+        With `as_of` (a time or a `Transaction`), as it was believed then.
+        """
         with self._reader.repository() as repository:
             before, after = (
-                self._reader.state(repository, self._reader.resolver.resolve(repository, at)) for at in (t1, t2)
+                self._reader.state(repository, self._reader.resolver.resolve(repository, at, as_of)) for at in (t1, t2)
             )
         return difference(before, after)
 

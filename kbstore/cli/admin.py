@@ -9,13 +9,14 @@ from typing import Annotated
 import typer
 
 import kbstore
-from kbstore.cli.options import TIMES, AsOf, At, Json, Kb, Now, Url, asked, at_time, store, told
+from kbstore.cli.options import TIMES, AsOf, At, Json, Kb, Now, Url, asked, at_time, belief, store, told
 from kbstore.cli.output import answer, json_line, working
 from kbstore.cli.times import parse_time
 from kbstore.clock import ManualClock, isoformat
 from kbstore.demo import mission, tour
 from kbstore.knowledge_base import KnowledgeBase
 from kbstore.model.plain import plain, times
+from kbstore.model.results import Transaction
 from kbstore.report.tables import plural, table
 from kbstore.report.time_format import TimeFormat
 
@@ -98,11 +99,11 @@ def export(
         kbstore export --format json --output kenny.jsonl
     """
     with asked(url, kb, now) as found:
-        t, belief = at_time(at, found), at_time(as_of, found)
-        if form is Format.JSON and t is None and belief is None and not domain:
+        t, believed = at_time(at, found), belief(as_of, found)
+        if form is Format.JSON and t is None and believed is None and not domain:
             written = _export_all(store(url), found.name, output)
         else:
-            text = _exported(found, form, t, belief, domain=domain)
+            text = _exported(found, form, t, believed, domain=domain)
             written = _write(text, output)
     if output is not None:
         report = {"file": str(output), **written}
@@ -198,7 +199,7 @@ def _export_all(place: str, name: str, output: Path | None) -> dict[str, int]:
         return {"rows": kbstore.export_knowledge_base(place, name, output, progress=progress)}
 
 
-def _exported(kb: KnowledgeBase, form: Format, at: int | None, as_of: int | None, *, domain: bool) -> str:
+def _exported(kb: KnowledgeBase, form: Format, at: int | None, as_of: int | Transaction | None, *, domain: bool) -> str:
     if domain:
         return kb.domain_to_pddl()
     if form is Format.PDDL:

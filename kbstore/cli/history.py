@@ -5,7 +5,7 @@ from typing import Annotated
 import typer
 
 from kbstore.cli import completion
-from kbstore.cli.options import TIMES, Condition, Json, Kb, Now, Since, Until, Url, asked, at_time
+from kbstore.cli.options import TIMES, AsOf, Condition, Json, Kb, Now, Since, Until, Url, asked, at_time, belief
 from kbstore.cli.output import answer, console, json_line
 from kbstore.cli.times import parse_time
 from kbstore.knowledge_base import KnowledgeBase
@@ -24,6 +24,7 @@ def history(
     ],
     since: Since = None,
     until: Until = None,
+    as_of: AsOf = None,
     url: Url = None,
     kb: Kb = None,
     now: Now = None,
@@ -37,7 +38,7 @@ def history(
         kbstore history "? - parcel"
     """
     with asked(url, kb, now) as found:
-        listed = found.history(pattern, _beginning(since, found), at_time(until, found))
+        listed = found.history(pattern, _beginning(since, found), at_time(until, found), belief(as_of, found))
         answer(each(listed), as_json=as_json, view=lambda: records.history_view(listed))
 
 
@@ -45,6 +46,7 @@ def when(
     condition: Condition,
     since: Since = None,
     until: Until = None,
+    as_of: AsOf = None,
     url: Url = None,
     kb: Kb = None,
     now: Now = None,
@@ -59,13 +61,15 @@ def when(
     """
     with asked(url, kb, now) as found:
         last = at_time(until, found)
-        spans = found.when(condition, _beginning(since, found), found.now() if last is None else last)
+        last = found.now() if last is None else last
+        spans = found.when(condition, _beginning(since, found), last, belief(as_of, found))
         answer(spans.to_dicts(), as_json=as_json, view=lambda: records.intervals_table(spans, TimeFormat(found.now())))
 
 
 def diff(
     before: Annotated[str, typer.Argument(help=f"The earlier time. {TIMES}", metavar="TIME", show_default=False)],
     after: Annotated[str, typer.Argument(help="The later time.", metavar="[TIME]")] = "now",
+    as_of: AsOf = None,
     url: Url = None,
     kb: Kb = None,
     now: Now = None,
@@ -79,7 +83,7 @@ def diff(
     """
     with asked(url, kb, now) as found:
         t1, t2 = parse_time(before, found.now()), parse_time(after, found.now())
-        differs = found.diff(t1, t2)
+        differs = found.diff(t1, t2, belief(as_of, found))
         answer(differs, as_json=as_json, view=lambda: records.diff_view(differs))
 
 
@@ -109,7 +113,8 @@ def changes(
 ) -> None:
     """List the transactions in order, with everything that they did, and what took effect by the clock alone.
 
-    A plus marks what was asserted, a minus what ended, an x what was cancelled before it took effect.
+    A plus marks what was asserted, a minus what ended, an x what was cancelled before it took effect, a ~ what
+    late knowledge superseded: what takes its place is asserted.
     With --json, print one line for each.
 
     Examples:

@@ -1,5 +1,6 @@
 """Options shared by all commands, and the knowledge base that they name."""
 
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Annotated
@@ -10,8 +11,9 @@ import kbstore
 from kbstore.cli import completion
 from kbstore.cli.times import parse_time
 from kbstore.clock import Clock, ManualClock, SystemClock
-from kbstore.errors import KbStoreError, StoreUnavailable
+from kbstore.errors import InvalidTime, KbStoreError, StoreUnavailable
 from kbstore.knowledge_base import KnowledgeBase
+from kbstore.model.results import Transaction
 
 STORE = "Store"
 """The panel of the help for `Url`, `Kb` and `Now`."""
@@ -54,7 +56,8 @@ Json = Annotated[bool, typer.Option("--json", help="Answer in JSON.", rich_help_
 
 At = Annotated[str | None, typer.Option("--at", metavar="TIME", help=f"The time to ask about (default: now). {TIMES}")]
 AsOf = Annotated[
-    str | None, typer.Option("--as-of", metavar="TIME", help="Answer with what was believed at this time.")
+    str | None,
+    typer.Option("--as-of", metavar="TIME", help="Answer with what was believed at this time; after #12: tx12."),
 ]
 Since = Annotated[
     str | None,
@@ -79,6 +82,11 @@ Condition = Annotated[
         autocompletion=completion.patterns,
     ),
 ]
+LateSince = Annotated[
+    str | None,
+    typer.Option("--since", metavar="TIME", help="A time in the past since which it has held. " + TIMES),
+]
+LateUntil = Annotated[str | None, typer.Option("--until", metavar="TIME", help="With --since: until when it held.")]
 Client = Annotated[str, typer.Option("--client", metavar="NAME", help="Who writes; recorded with the transaction.")]
 Note = Annotated[str, typer.Option("--note", metavar="TEXT", help="Why; recorded with the transaction.")]
 
@@ -118,6 +126,18 @@ def told(url: str | None, kb: str | None, now: str | None, *, creating: bool = T
 def at_time(text: str | None, kb: KnowledgeBase) -> int | None:
     """The time that an option gives; None if it was not given."""
     return None if text is None else parse_time(text, kb.now())
+
+
+def belief(text: str | None, kb: KnowledgeBase) -> int | Transaction | None:
+    """The time, or the transaction (``tx12``), that --as-of names; None where it was not given."""
+    numbered = re.fullmatch(r"(?:tx|#)([0-9]{1,18})", (text or "").strip().lower())
+    if numbered is None:
+        return at_time(text, kb)
+    number = int(numbered[1])
+    change = next(kb.changes(after=number - 1), None) if number else None
+    if change is None or change.number != number:
+        raise InvalidTime(f"{kb.name} has no transaction {number}; kbstore changes lists them")
+    return change.transaction
 
 
 def _named(name: str | None, names: list[str], place: str) -> str:

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from kbstore.cli import completion
-from kbstore.cli.options import Arguments, AsOf, At, Condition, Json, Kb, Now, Operator, Url, asked, at_time
+from kbstore.cli.options import Arguments, AsOf, At, Condition, Json, Kb, Now, Operator, Url, asked, at_time, belief
 from kbstore.cli.output import answer
 from kbstore.cli.times import parse_duration
 from kbstore.clock import SECOND, isoformat
@@ -64,7 +64,7 @@ def state(
         kbstore state --at now --as-of -5m --json
     """
     with asked(url, kb, now) as found:
-        asking = found.state(at_time(at, found), at_time(as_of, found))
+        asking = found.state(at_time(at, found), belief(as_of, found))
         shown = select(asking, _patterns(patterns), about or [], only or [], folding=not (everything or as_json))
         answer(
             shown.to_dict(),
@@ -100,7 +100,7 @@ def holds(
         kbstore holds "(exists (?w - waypoint) (robot_at kenny ?w))"
     """
     with asked(url, kb, now) as found:
-        asking = found.state(at_time(at, found), at_time(as_of, found))
+        asking = found.state(at_time(at, found), belief(as_of, found))
         truth = asking.truth(condition)
         report = {"condition": condition, "truth": str(truth), **times(at=asking.at, as_of=asking.as_of)}
         answer(report, as_json=as_json, view=lambda: str(truth))
@@ -181,7 +181,7 @@ def value(
         kbstore value "(- 100 (battery kenny))" --at -1h
     """
     with asked(url, kb, now) as found:
-        asking = found.state(at_time(at, found), at_time(as_of, found))
+        asking = found.state(at_time(at, found), belief(as_of, found))
         number = asking.value(expression)
         report = {"expression": expression, "value": number, **times(at=asking.at, as_of=asking.as_of)}
         answer(report, as_json=as_json, view=lambda: format_number(number))
@@ -203,7 +203,7 @@ def explain(
         kbstore explain "(and (docked kenny) (open lab_door))" --at -10m
     """
     with asked(url, kb, now) as found:
-        asking = found.state(at_time(at, found), at_time(as_of, found))
+        asking = found.state(at_time(at, found), belief(as_of, found))
         explanation = asking.explain(condition)
         answer(
             explanation,

@@ -6,7 +6,20 @@ from typing import Annotated
 
 import typer
 
-from kbstore.cli.options import Client, Json, Kb, Note, Now, Starting, Url, asked, at_time, told
+from kbstore.cli.options import (
+    Client,
+    Json,
+    Kb,
+    LateSince,
+    LateUntil,
+    Note,
+    Now,
+    Starting,
+    Url,
+    asked,
+    at_time,
+    told,
+)
 from kbstore.cli.output import answer, working
 from kbstore.clock import isoformat
 from kbstore.errors import InvalidKnowledge
@@ -55,6 +68,8 @@ def load(
 def add(
     items: Items,
     at: Starting = None,
+    since: LateSince = None,
+    until: LateUntil = None,
     client: Client = "",
     note: Note = "",
     url: Url = None,
@@ -64,22 +79,27 @@ def add(
 ) -> None:
     """Add knowledge: objects, facts of both signs, values of functions. All or nothing.
 
-    Knowledge that is added --at a later time is scheduled: it is recorded now, and takes effect then.
+    Knowledge that is added --at a later time is scheduled: it is recorded now, and takes effect then. With --since a
+    time in the past it is late knowledge: it holds up to whatever begins or ends next, or --until a time.
 
     Examples:
         kbstore add "wp7 - waypoint" "(visited wp7)" --client mapper
         kbstore add "(= (battery kenny) 80)"
         kbstore add "(not (open lab_door))" --at +15m --note "closing time"
         kbstore add "(increase (battery kenny) 5)"
+        kbstore add "(not (open lab_door))" --since -3h --note "the porter's"
     """
     with told(url, kb, now) as found:
-        done = found.add(*items, initial_time=at_time(at, found), client=client, note=note)
+        span = {"since": at_time(since, found), "until": at_time(until, found)}
+        done = found.add(*items, initial_time=at_time(at, found), **span, client=client, note=note)
     recorded(done, as_json)
 
 
 def remove(
     items: Items,
     at: Starting = None,
+    since: LateSince = None,
+    until: LateUntil = None,
     client: Client = "",
     note: Note = "",
     url: Url = None,
@@ -89,7 +109,8 @@ def remove(
 ) -> None:
     """Remove what matches; ? matches any object. Removing an object removes what mentions it.
 
-    To cancel scheduled knowledge, give exactly its time with --at.
+    To cancel scheduled knowledge, give exactly its time with --at. With --since a time in the past, what matched then
+    is removed up to whatever began next, or --until a time.
 
     Examples:
         kbstore remove "(carries kenny ?)"
@@ -97,13 +118,16 @@ def remove(
         kbstore remove "(not (open lab_door))" --at 2026-05-04T09:10:00Z
     """
     with told(url, kb, now) as found:
-        done = found.remove(*items, initial_time=at_time(at, found), client=client, note=note)
+        span = {"since": at_time(since, found), "until": at_time(until, found)}
+        done = found.remove(*items, initial_time=at_time(at, found), **span, client=client, note=note)
     recorded(done, as_json)
 
 
 def goal_add(
     goals: Goals,
     at: Starting = None,
+    since: LateSince = None,
+    until: LateUntil = None,
     client: Client = "",
     note: Note = "",
     url: Url = None,
@@ -118,13 +142,16 @@ def goal_add(
         kbstore goal add "(>= (battery kenny) 80)" --at +1h
     """
     with told(url, kb, now) as found:
-        done = found.add_goal(*goals, initial_time=at_time(at, found), client=client, note=note)
+        span = {"since": at_time(since, found), "until": at_time(until, found)}
+        done = found.add_goal(*goals, initial_time=at_time(at, found), **span, client=client, note=note)
     recorded(done, as_json)
 
 
 def goal_remove(
     goals: Goals,
     at: Starting = None,
+    since: LateSince = None,
+    until: LateUntil = None,
     client: Client = "",
     note: Note = "",
     url: Url = None,
@@ -138,7 +165,8 @@ def goal_remove(
         kbstore goal remove "(delivered ? lab)"
     """
     with told(url, kb, now) as found:
-        done = found.remove_goal(*goals, initial_time=at_time(at, found), client=client, note=note)
+        span = {"since": at_time(since, found), "until": at_time(until, found)}
+        done = found.remove_goal(*goals, initial_time=at_time(at, found), **span, client=client, note=note)
     recorded(done, as_json)
 
 

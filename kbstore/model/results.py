@@ -43,9 +43,10 @@ AsOf = TimeLike | Transaction
 class Assertion(Result):
     """One row of history: the item held from `initial_time` until `end_time` (None while open).
 
-    `recorded`, `ended` and `cancelled` are the transactions that did so. An end that came, or is to come, by the
-    clock (the next assertion, the end of an object) is the doing of the transaction that had scheduled it.
-    `is_goal` tells a goal from a part of the state.
+    `recorded`, `ended`, `cancelled` and `superseded` are the transactions that did so. An end that came, or is to
+    come, by the clock (the next assertion, the end of an object) is the doing of the transaction that had scheduled
+    it. Where late knowledge has changed an assertion, it stays as it had been, superseded; what is left of it is
+    recorded by the transaction that told it first. `is_goal` tells a goal from a part of the state.
     """
 
     item: KnowledgeItem | Condition
@@ -54,16 +55,18 @@ class Assertion(Result):
     recorded: Transaction
     ended: Transaction | None = None
     cancelled: Transaction | None = None
+    superseded: Transaction | None = None
     is_goal: bool = False
 
     def __str__(self) -> str:
         end = "" if self.end_time is None else isoformat(self.end_time)
         text = f"{self.item} [{isoformat(self.initial_time)}, {end})"
-        return f"{text} cancelled" if self.cancelled else text
+        return f"{text} cancelled" if self.cancelled else f"{text} superseded" if self.superseded else text
 
     def __repr__(self) -> str:
         end = "" if self.end_time is None else f", until={isoformat(self.end_time)!r}"
-        marks = "".join((", goal" if self.is_goal else "", ", cancelled" if self.cancelled else ""))
+        marks = ", goal" if self.is_goal else ""
+        marks += ", cancelled" if self.cancelled else ", superseded" if self.superseded else ""
         return f"Assertion({str(self.item)!r}, since={isoformat(self.initial_time)!r}{end}{marks})"
 
     def to_dict(self) -> Data:
@@ -91,6 +94,8 @@ class Assertions(list[Assertion]):
 class Change(Result):
     """The changes of one transaction; or, from `watch`, what took effect by the clock alone at `time`.
 
+    What late knowledge leaves of an assertion that it supersedes is asserted again: without what is superseded, and
+    with what is asserted, is what is known.
     `broken` has the over-all conditions of runs that are broken from then on (rule O6), from `watch` without a pattern.
     """
 
@@ -101,6 +106,7 @@ class Change(Result):
     cancelled: list[Assertion] = field(default_factory=list)
     time: int = 0
     broken: list["Broken"] = field(default_factory=list)
+    superseded: list[Assertion] = field(default_factory=list)
 
     @property
     def by_clock(self) -> bool:
@@ -108,7 +114,7 @@ class Change(Result):
         return self.time != self.transaction.time
 
     def __repr__(self) -> str:
-        parts = ("asserted", "ended", "cancelled", "broken")
+        parts = ("asserted", "ended", "cancelled", "superseded", "broken")
         what = ", ".join(f"{len(getattr(self, part))} {part}" for part in parts if getattr(self, part))
         clock = " by the clock" if self.by_clock else ""
         return f"Change({self.number} at {isoformat(self.time)}{clock}: {what or 'nothing'})"
@@ -355,5 +361,6 @@ def _counted(*counts: tuple[int, str]) -> str:
 def _row(found: Assertion) -> tuple[object, ...]:
     end = None if found.end_time is None else isoformat(found.end_time)
     ended = None if found.ended is None else found.ended.number
-    marks = " ".join(mark for mark, is_so in (("goal", found.is_goal), ("cancelled", found.cancelled)) if is_so)
+    all_marks = (("goal", found.is_goal), ("cancelled", found.cancelled), ("superseded", found.superseded))
+    marks = " ".join(mark for mark, is_so in all_marks if is_so)
     return found.item, isoformat(found.initial_time), end, found.recorded.number, ended, marks

@@ -84,10 +84,12 @@ class DomainVersions:
         )
 
     def within(
-        self, repository: Repository, head: Head, first: int, last: int
+        self, repository: Repository, head: Head, first: int, last: int, upto: int | None = None
     ) -> Iterator[tuple[int, int, SymbolTable]]:
-        """The versions that are in force within a span, each with its part of the span."""
+        """The versions that are in force within a span, each with its part; of those up to a transaction, if given."""
         versions = self.all(repository, head)
+        if upto is not None:
+            versions = [version for version in versions if version.transaction <= upto]
         has_undeclared = not versions or first < versions[0].time
         starts = [(0, self.inferred(repository) if has_undeclared else SymbolTable())]
         starts += [(version.time, SymbolTable(version.domain)) for version in versions]

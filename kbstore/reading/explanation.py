@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 
-from kbstore.clock import OPEN
 from kbstore.evaluation import conditions
 from kbstore.evaluation.argument_types import check_types
 from kbstore.messages import KnowledgeType, Truth, format_number
@@ -183,36 +182,17 @@ class Explainer:
         timeline = repository.find(Role.STATE, kind, [name]).get(name)
         if timeline is None:
             return ()
-        rows = repository.history(kind, [timeline], state.at if state.belief is None else 0, state.at + 1)
-        if state.belief is None:
-            known = [row for row in rows if row.cancelled is None and row.superseded is None]
-        else:
-            known = self._believed(repository, state.belief, rows)
         head = repository.head()
+        upto = None if state.belief is None else self._reader.resolver.last_number(repository, state.belief)
+        rows = repository.history(kind, [timeline], state.at, state.at + 1, upto)
+        known = [row for row in rows if row.is_known]
+        if not known:
+            # what late knowledge took away altogether
+            known = [row for row in rows if row.superseded is not None]
         if not known and head.history_from:
             # a timeline is kept for good; what stood on it may have been archived
             raise self._reader.resolver.archived(f"what there was of ({timeline.spelling})", head)
         return sorted(known, key=lambda row: (row.initial_time, row.recorded))
-
-    def _believed(
-        self, repository: Repository, belief: LogPosition, rows: Sequence[RecordedAssertion]
-    ) -> list[RecordedAssertion]:
-        """Return the rows as of a position in the log: without the ends and cancellations recorded after it."""
-        numbers = {number for row in rows for number in (row.recorded, row.ended, row.cancelled) if number}
-        transactions = self._history.transactions(repository, numbers)
-
-        def had_been(number: int | None) -> bool:
-            if number is None:
-                return False
-            if belief.number is not None:
-                return number <= belief.number
-            return transactions[number].time <= belief.time
-
-        known = [row for row in rows if had_been(row.recorded) and not had_been(row.cancelled)]
-        return [
-            row if row.cancelled is None and (row.ended is None or had_been(row.ended)) else row._replace(end_time=OPEN)
-            for row in known
-        ]
 
     def _of_row(
         self,
@@ -226,15 +206,17 @@ class Explainer:
         if not rows:
             return Explanation(text, truth, absent)
         row = rows[-1]
-        if row.end_time > state.at:
-            number: int | None = row.recorded
+        number: int | None
+        if row.superseded is not None:
+            latest = max(rows, key=lambda row: row.superseded or 0)
+            number, reason, since = latest.superseded, "removed", latest.initial_time
+        elif row.end_time > state.at:
+            number = row.told or row.recorded
             reason, since = ("explicitly false" if row.value[0] else "asserted"), row.initial_time
             if row.timeline.kind is KnowledgeType.INSTANCE and row.value[0]:
                 reason = "removed"
         else:
-            (number,) = self._history.enders(repository, [row])
-            # an end by the clock alone, with nothing after it on the timeline, is the end of an object
-            cause = EndCause.OBJECT if row.cause is None else EndCause(row.cause)
+            ((number, cause),) = self._history.enders(repository, [row])
             reason, since = _ENDED[cause], row.end_time
             if row.timeline.kind is KnowledgeType.FUNCTION and cause is not EndCause.OBJECT:
                 reason = f"undefined function: {reason}"

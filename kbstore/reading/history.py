@@ -6,9 +6,9 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from kbstore.clock import OPEN, TimeLike
 from kbstore.errors import UnknownSymbol
 from kbstore.messages import KnowledgeType
-from kbstore.model.results import Assertion, Assertions, Change, Transaction
+from kbstore.model.results import AsOf, Assertion, Assertions, Change, Transaction
 from kbstore.model.symbols import SymbolTable
-from kbstore.model.timelines import Role
+from kbstore.model.timelines import EndCause, Role
 from kbstore.reading.item_factory import ItemFactory
 from kbstore.reading.mentions import mentions
 from kbstore.reading.patterns import Pattern
@@ -32,24 +32,34 @@ class History:
     # -- one pattern ------------------------------------------------------------------------------------------
 
     def assertions(
-        self, pattern: Knowledge, since: TimeLike | None = None, until: TimeLike | None = None
+        self,
+        pattern: Knowledge,
+        since: TimeLike | None = None,
+        until: TimeLike | None = None,
+        as_of: AsOf | None = None,
     ) -> Assertions:
-        """The assertions that match a pattern and overlap ``[since, until)``, in order of time (rule Q3)."""
+        """The assertions that match a pattern and overlap ``[since, until)``, in order of time (rule Q3).
+
+        With `as_of`, those that were on record then, as they were.
+        """
         with self._reader.repository() as repository:
-            first, last, now = self._reader.resolver.resolve_span(repository, since, until)
-            symbol_table = self._symbols(repository, now, pattern, last)
+            first, last, point = self._reader.resolver.resolve_span(repository, since, until, as_of)
+            upto = self._reader.resolver.known_by(repository, point)
+            symbol_table = self._symbols(repository, point, pattern, last)
             wanted = Pattern(pattern, symbol_table)
             rows = [
                 row
-                for row in repository.history(wanted.kind, wanted.timelines(repository), first, last)
+                for row in repository.history(wanted.kind, wanted.timelines(repository), first, last, upto)
                 if wanted.matches_row(row) and _overlaps(row, first)
             ]
             rows.sort(key=_order)
-            return Assertions(self.as_assertions(repository, rows, symbol_table))
+            return Assertions(self.as_assertions(repository, rows, symbol_table, upto))
 
     def _symbols(self, repository: Repository, now: TemporalPoint, pattern: Knowledge, until: int) -> SymbolTable:
         """Return the latest symbols among which the pattern's is known (rule D4)."""
-        versions = [v for v in self._reader.domains.all(repository, now.head) if v.time < until]
+        upto = self._reader.resolver.known_by(repository, now)
+        versions = self._reader.domains.all(repository, now.head)
+        versions = [v for v in versions if v.time < until and (upto is None or v.transaction <= upto)]
         if not versions:
             return self._reader.symbol_table(repository, now.head, now.position)
         refusal: UnknownSymbol | None = None
@@ -67,60 +77,68 @@ class History:
     # -- rows to assertions -----------------------------------------------------------------------------------
 
     def as_assertions(
-        self, repository: Repository, rows: Sequence[RecordedAssertion], symbol_table: SymbolTable
+        self,
+        repository: Repository,
+        rows: Sequence[RecordedAssertion],
+        symbol_table: SymbolTable,
+        upto: int | None = None,
     ) -> list[Assertion]:
         """Assertions with their transactions; ends that came by the clock with the transaction that scheduled them."""
-        ends = self.enders(repository, rows)
-        numbers = {row.recorded for row in rows} | {row.cancelled for row in rows} | set(ends)
+        enders = self.enders(repository, rows, upto)
+        told = [(row.told or row.recorded, ended) for row, (ended, _) in zip(rows, enders, strict=True)]
+        numbers = {number for pair in told for number in pair}
+        numbers |= {number for row in rows for number in (row.cancelled, row.superseded)}
         transactions = self.transactions(repository, {number for number in numbers if number is not None})
         reader = ItemFactory(symbol_table)
         found = []
-        for row, ended in zip(rows, ends, strict=True):
-            cancelled = row.cancelled
+        for row, (recorded, ended) in zip(rows, told, strict=True):
             found.append(
                 Assertion(
                     item=reader.item(row.timeline, row.initial_time, row.value, row.initial_time),
                     initial_time=row.initial_time,
                     end_time=None if row.end_time == OPEN else row.end_time,
-                    recorded=transactions[row.recorded],
+                    recorded=transactions[recorded],
                     ended=None if ended is None else transactions[ended],
-                    cancelled=None if cancelled is None else transactions[cancelled],
+                    cancelled=None if row.cancelled is None else transactions[row.cancelled],
+                    superseded=None if row.superseded is None else transactions[row.superseded],
                     is_goal=row.timeline.role is Role.GOAL,
                 )
             )
         return found
 
     @staticmethod
-    def enders(repository: Repository, rows: Sequence[RecordedAssertion]) -> list[int | None]:
-        """For each row the transaction that ended it, or scheduled what ends it; None for one that has no end."""
+    def enders(
+        repository: Repository, rows: Sequence[RecordedAssertion], upto: int | None = None
+    ) -> list[tuple[int | None, EndCause]]:
+        """For each row the transaction that ended it, or scheduled what ends it, and why; None where it has no end.
+
+        With `upto`, as was known after that transaction.
+        """
         by_clock = [row for row in rows if row.ended is None and row.cancelled is None and row.end_time != OPEN]
         ends = {(row.timeline.id, row.end_time): (row.timeline, row.end_time) for row in by_clock}
-        # of several that begin then, the first to take effect ended it: what was scheduled before what was told
-        following: dict[tuple[int, int], int] = {}
-        for found in repository.beginning_at(ends.values()):
-            if found.cancelled is None:
-                end = found.timeline.id, found.initial_time
-                following[end] = min(found.recorded, following.get(end, found.recorded))
-        # else an object did
-        left = [row for row in by_clock if (row.timeline.id, row.end_time) not in following]
-        mentioned = {id(row): mentions(row.timeline, row.value) for row in left}
+        following: dict[tuple[int, int], list[RecordedAssertion]] = defaultdict(list)
+        for found in repository.beginning_at(ends.values(), upto):
+            following[found.timeline.id, found.initial_time].append(found)
+        mentioned = {id(row): mentions(row.timeline, row.value) for row in by_clock}
         names = list(dict.fromkeys(name for found in mentioned.values() for name in found))
         objects = repository.find(Role.STATE, KnowledgeType.INSTANCE, names) if names else {}
-        ends_of = dict.fromkeys((name, row.end_time) for row in left for name in mentioned[id(row)] if name in objects)
-        gone: dict[tuple[str, int], int] = {}
-        for found in repository.beginning_at((objects[name], t) for name, t in ends_of):
-            if found.cancelled is None and found.value[0]:
-                end_of = found.timeline.key, found.initial_time
-                gone[end_of] = min(found.recorded, gone.get(end_of, found.recorded))
+        ends_of = {(name, row.end_time) for row in by_clock for name in mentioned[id(row)] if name in objects}
+        gone: dict[tuple[str, int], list[RecordedAssertion]] = defaultdict(list)
+        for found in repository.beginning_at(((objects[name], t) for name, t in ends_of), upto):
+            if found.value[0]:
+                gone[found.timeline.key, found.initial_time].append(found)
 
-        def ender(row: RecordedAssertion) -> int | None:
+        def ender(row: RecordedAssertion) -> tuple[int | None, EndCause]:
             if row.ended is not None or row.cancelled is not None or row.end_time == OPEN:
-                return row.ended
-            follower = following.get((row.timeline.id, row.end_time))
-            if follower is not None:
-                return follower
-            ended = [gone.get((name, row.end_time)) for name in mentioned[id(row)]]
-            return min((number for number in ended if number is not None), default=None)
+                return row.ended, EndCause.REMOVED if row.cause is None else EndCause(row.cause)
+            # of several that begin then, the first to take effect ended it: what was scheduled before what was told
+            followers = [found.recorded for found in following[row.timeline.id, row.end_time] if found.followed(row)]
+            if followers:
+                return min(followers), EndCause.REPLACED
+            # else an object did
+            ended = [gone[name, row.end_time] for name in mentioned[id(row)]]
+            numbers = [found.recorded for group in ended for found in group if found.followed(row)]
+            return min(numbers, default=None), EndCause.OBJECT
 
         return [ender(row) for row in rows]
 
@@ -132,7 +150,7 @@ class History:
     # -- changes ----------------------------------------------------------------------------------------------
 
     def changes(self, after: int) -> Iterator[Change]:
-        """Each transaction after a number, with all that it asserted, ended and cancelled (rule Q6)."""
+        """Each transaction after a number, with all that it asserted, ended, cancelled and superseded (rule Q6)."""
         while True:
             with self._reader.repository() as repository:
                 batch = self.batch(repository, repository.head(), after)
@@ -152,19 +170,22 @@ class History:
         self._refuse_gap(repository, transactions, after, head)
         symbol_table = self._reader.symbol_table(repository, head, LogPosition(head.time))
         rows = repository.changes_between(after, upto)
-        everything = [*rows.recorded, *rows.ended, *rows.cancelled]
+        everything = [*rows.recorded, *rows.ended, *rows.cancelled, *rows.superseded]
         assertions = dict(
             zip(map(id, everything), self.as_assertions(repository, everything, symbol_table), strict=True)
         )
         asserted_by: dict[int | None, list[Assertion]] = defaultdict(list)
         ended_by: dict[int | None, list[Assertion]] = defaultdict(list)
         cancelled_by: dict[int | None, list[Assertion]] = defaultdict(list)
+        superseded_by: dict[int | None, list[Assertion]] = defaultdict(list)
         for row in rows.recorded:
             asserted_by[row.recorded].append(assertions[id(row)])
         for row in rows.ended:
             ended_by[row.ended].append(assertions[id(row)])
         for row in rows.cancelled:
             cancelled_by[row.cancelled].append(assertions[id(row)])
+        for row in rows.superseded:
+            superseded_by[row.superseded].append(assertions[id(row)])
         return [
             Change(
                 transaction.number,
@@ -173,6 +194,7 @@ class History:
                 ended_by[transaction.number],
                 cancelled_by[transaction.number],
                 transaction.time,
+                superseded=superseded_by[transaction.number],
             )
             for transaction in transactions
         ]
@@ -200,7 +222,7 @@ class History:
         if not due:
             return []
         symbol_table = self._reader.symbol_table(repository, head, LogPosition(head.time))
-        ended = self._ended_by_clock(repository, due)
+        ended = self._ended_by_clock(repository, due, last.number if head.late > last.number else None)
         rows = [row for t in due for row in (*due[t], *ended[t])]
         assertions = dict(zip(map(id, rows), self.as_assertions(repository, rows, symbol_table), strict=True))
         return [
@@ -217,9 +239,12 @@ class History:
 
     @staticmethod
     def _ended_by_clock(
-        repository: Repository, due: Mapping[int, Sequence[RecordedAssertion]]
+        repository: Repository, due: Mapping[int, Sequence[RecordedAssertion]], upto: int | None
     ) -> dict[int, list[RecordedAssertion]]:
-        """What ended as something took effect, by time: on its own timeline, or by the end of an object."""
+        """What ended as something took effect, by time: on its own timeline, or by the end of an object.
+
+        With `upto`, as was known after that transaction: late knowledge has been recorded since then.
+        """
         points = {(row.timeline.id, t): (row.timeline, t) for t, rows in due.items() for row in rows}
         gone: dict[int, set[str]] = {
             t: {row.timeline.key for row in rows if row.timeline.kind is KnowledgeType.INSTANCE and row.value[0]}
@@ -228,9 +253,14 @@ class History:
         objects = {row.timeline.id for t, rows in due.items() for row in rows if row.timeline.key in gone[t]}
         mentioning = repository.mentioning(list(objects)) if objects else []
         points |= {(line.id, t): (line, t) for t, names in gone.items() if names for line in mentioning}
+        if upto is None:
+            ending = repository.latest_before(points.values())
+        else:
+            lines = {line.id: line for line, _ in points.values()}.values()
+            ending = [row for line in lines for row in repository.history(line.kind, [line], 0, max(due), upto)]
         found: dict[int, list[RecordedAssertion]] = defaultdict(list)
-        for row in repository.latest_before(points.values()):
-            if row.ended is None and row.cancelled is None and (row.timeline.id, row.end_time) in points:
+        for row in ending:
+            if row.ended is None and row.is_known and (row.timeline.id, row.end_time) in points:
                 found[row.end_time].append(row)
         return found
 

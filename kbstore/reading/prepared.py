@@ -66,9 +66,9 @@ class PreparedCondition:
         self.kind = KnowledgeType.FACT
         if isinstance(part, Defined):
             self.kind = KnowledgeType.FUNCTION
-            self.key = _ground_key(part.function)
+            self.key = ground_key(part.function)
         elif isinstance(part, Atom) and not (domain and domain.is_derived(part.name)):
-            self.key = _ground_key(part)
+            self.key = ground_key(part)
             absent = Truth.UNKNOWN if use_unknowns else Truth.FALSE
         if domain is not None and domain.events and not symbols_in(formula).isdisjoint(domain.forecast.uncomputed):
             self.key = None
@@ -105,7 +105,7 @@ class PreparedExpression:
         self.plausible_at = -1
         self.timeline: Timeline | None = None
         only = expression[0] if len(expression) == 1 else None
-        self.key = _ground_key(only) if isinstance(only, Atom) else None
+        self.key = ground_key(only) if isinstance(only, Atom) else None
         if isinstance(only, Atom) and domain is not None and key(only.name) in domain.forecast.uncomputed:
             self.key = None
 
@@ -144,7 +144,7 @@ class PreparedQuestions:
             prepared = PreparedCondition(formula, symbols.domain, use_unknowns=self._use_unknowns)
             # without a domain, "(f a)" would mean a predicate f as soon as there is one
             is_ambiguous = symbols.domain is None and isinstance(question, str) and isinstance(formula, Defined)
-            if name is not None and not is_ambiguous and _is_lasting(question, symbols, _atoms(formula)):
+            if name is not None and not is_ambiguous and _is_lasting(question, symbols, atoms_in(formula)):
                 self.conditions.put((symbols.domain, name), prepared)
         return prepared
 
@@ -192,7 +192,7 @@ def _is_lasting(question: Question, symbols: SymbolTable, atoms: Iterable[tuple[
     return all((kind, key(atom.name)) in symbols.shapes for kind, atom in atoms)
 
 
-def _atoms(formula: Formula) -> Iterator[tuple[KnowledgeType, Atom]]:
+def atoms_in(formula: Formula) -> Iterator[tuple[KnowledgeType, Atom]]:
     """The atoms of a condition, each with its knowledge type."""
     for node, _, _ in walk(formula, {}):
         match node:
@@ -205,7 +205,7 @@ def _atoms(formula: Formula) -> Iterator[tuple[KnowledgeType, Atom]]:
                     yield KnowledgeType.FUNCTION, function
 
 
-def _ground_key(atom: Atom) -> str | None:
+def ground_key(atom: Atom) -> str | None:
     """The key of an atom's timeline; None if it has variables."""
     if any(map(is_wildcard, atom.arguments)):
         return None

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from copy import copy
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from kbstore.caches import ASSERTIONS, LRU, TIMELINES
 from kbstore.clock import OPEN, SECOND, Clock
@@ -32,6 +32,13 @@ from kbstore.storage.repository import Repository
 
 if TYPE_CHECKING:
     from sqlalchemy import Connection
+
+
+class _Past(NamedTuple):
+    """A past state, and the last transaction with late knowledge when it was read."""
+
+    data: StateData
+    late: int
 
 
 class Reader:
@@ -66,7 +73,7 @@ class Reader:
         self.questions = PreparedQuestions(use_unknowns=use_unknowns, caching=caching)
         self.memory = StoreMemory(name, TIMELINES if caching else 0)
         self.memory.when_gone_back(self._forget)
-        self._states: LRU[int, StateData] = LRU(ASSERTIONS if caching else 0, lambda data: data.size)
+        self._states: LRU[int, _Past] = LRU(ASSERTIONS if caching else 0, lambda past: past.data.size)
         self._explainer = explainer
         self.borrowed: Connection | None = None
 
@@ -118,11 +125,11 @@ class Reader:
     def state(self, repository: Repository, point: TemporalPoint) -> State:
         """The state at a point."""
         symbols = self.symbols_at(repository, point)
-        data = self._states.find(point.valid_time) if point.is_settled else None
+        data = self._remembered(repository, point) if point.is_settled else None
         if data is None:
             data = self._data(repository, point, symbols.domain)
             if point.is_settled:
-                self._states.put(point.valid_time, data)
+                self._states.put(point.valid_time, _Past(data, point.head.late))
         return self.state_of(data, symbols, point.system_time if point.is_as_of else None)
 
     def items(
@@ -145,6 +152,16 @@ class Reader:
         if name:
             rows = [row for row in rows if row[0].keys[0] == key(name)]
         return ItemFactory(symbols).items(rows, point.valid_time), symbols.domain
+
+    def _remembered(self, repository: Repository, point: TemporalPoint) -> StateData | None:
+        """A past state that was read before, unless late knowledge has reached its time since then (rule L4)."""
+        past = self._states.find(point.valid_time)
+        if past is None or past.late == point.head.late:
+            return None if past is None else past.data
+        if past.late > point.head.late or repository.late_from(past.late) <= point.valid_time:
+            return None
+        self._states.put(point.valid_time, _Past(past.data, point.head.late))
+        return past.data
 
     def state_of(self, data: StateData, symbols: SymbolTable, as_of: LogPosition | None = None) -> State:
         """The state that is made from its data."""

@@ -42,8 +42,8 @@ class TemporalPoint(NamedTuple):
 
     @property
     def is_settled(self) -> bool:
-        """Whether what holds is the same whatever is recorded from now on (rule T5)."""
-        return self.valid_time < self.head.time and self.valid_time < self.system_time.time
+        """Whether what holds is the same whatever is recorded from now on, but for late knowledge (rule T5)."""
+        return self.is_known_now and self.valid_time < self.head.time and self.valid_time < self.system_time.time
 
 
 class Resolver:
@@ -87,11 +87,7 @@ class Resolver:
         """
         head = repository.head()
         now = self.now(head)
-        believed = LogPosition(now)
-        if isinstance(as_of, Transaction):
-            believed = repository.after_transaction(as_of.number, as_of.time)
-        elif as_of is not None:
-            believed = LogPosition(min(time(as_of, now), now))
+        believed = self._believed(repository, head, now, as_of)
         t = now if at is None else time(at, now)
         self.refuse_archived(t, head)
         self.refuse_archived(believed.time, head)
@@ -99,11 +95,34 @@ class Resolver:
         if t <= believed.time:
             # only at the time of the transaction itself does it matter which of that time's are believed
             position = believed if t == believed.time and believed.number is not None else LogPosition(t)
-            return TemporalPoint(t, believed, is_as_of, head, position, position, ())
+            rows_at: LogPosition | None = position
+            if t < believed.time and self._is_corrected(repository, head, t, believed):
+                rows_at = LogPosition(t, believed.number)
+            return TemporalPoint(t, believed, is_as_of, head, position, rows_at, ())
         running = repository.running(believed) if head.last_run else ()
         # what is scheduled is stored with the interval that is expected of it now
         rows_at = None if is_as_of or running else LogPosition(t)
         return TemporalPoint(t, believed, is_as_of, head, believed, rows_at, running)
+
+    def _believed(self, repository: Repository, head: Head, now: int, as_of: AsOf | None) -> LogPosition:
+        """Return the position in the log up to which is believed what was recorded.
+
+        It has a number where late knowledge may have been recorded after it (rule L4).
+        """
+        if as_of is None:
+            return LogPosition(now)
+        if isinstance(as_of, Transaction):
+            return repository.after_transaction(as_of.number, as_of.time)
+        t = min(time(as_of, now), now)
+        number = repository.last_number_at(t) if head.late and t < head.time else head.number
+        return LogPosition(t) if number >= head.late else LogPosition(t, number, number)
+
+    @staticmethod
+    def _is_corrected(repository: Repository, head: Head, t: int, believed: LogPosition) -> bool:
+        """Return whether late knowledge about `t` or earlier was recorded after what is believed."""
+        if believed.number is None or head.late <= believed.number:
+            return False
+        return repository.late_from(believed.number) <= t
 
     @staticmethod
     def at_position(head: Head, position: LogPosition) -> TemporalPoint:
@@ -121,9 +140,13 @@ class Resolver:
         return head.history_from <= t < TIME_LIMIT
 
     def resolve_span(
-        self, repository: Repository, since: TimeLike | None, until: TimeLike | None
+        self,
+        repository: Repository,
+        since: TimeLike | None,
+        until: TimeLike | None,
+        as_of: AsOf | None = None,
     ) -> tuple[int, int, TemporalPoint]:
-        """Return a span of time as ``since <= t < until``, and now.
+        """Return a span of time as ``since <= t < until``, and now, or the instant of the belief.
 
         `since` None is the beginning, `until` None the end of time. Raises `HistoryUnavailable` where the span reaches
         into what has been archived away.
@@ -135,7 +158,20 @@ class Resolver:
         self.refuse_archived(first, point.head)
         if until is not None:
             self.refuse_archived(max(first, last - 1), point.head)
+        if as_of is not None:
+            believed = self._believed(repository, point.head, now, as_of)
+            self.refuse_archived(believed.time, point.head)
+            point = self.at_position(point.head, believed)
         return first, last, point
+
+    def known_by(self, repository: Repository, point: TemporalPoint) -> int | None:
+        """Return the last transaction that is believed at a point; None where that is everything."""
+        return self.last_number(repository, point.system_time) if point.is_as_of else None
+
+    @staticmethod
+    def last_number(repository: Repository, position: LogPosition) -> int:
+        """Return the last transaction up to a position in the log."""
+        return repository.last_number_at(position.time) if position.number is None else position.number
 
     # -- archives ---------------------------------------------------------------------------------------------
 

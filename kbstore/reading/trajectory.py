@@ -20,6 +20,7 @@ from kbstore.evaluation.when import intervals
 from kbstore.messages import KnowledgeType, Truth
 from kbstore.model.domain import Domain
 from kbstore.model.formulas import Formula, Not
+from kbstore.model.results import AsOf
 from kbstore.model.symbols import SymbolTable
 from kbstore.model.timelines import Identity, Role, Timeline, Value, atom_key
 from kbstore.names import key
@@ -146,14 +147,18 @@ class StoredTrajectory:
             return
         start, end = self.span
         by_timeline: dict[Identity, list[RecordedAssertion]] = defaultdict(list)
-        for row in self._repository.history(missing[0].kind, missing, start, end):
-            if row.superseded is None and row.end_time > max(start, row.initial_time):
+        for row in self._repository.history(missing[0].kind, missing, start, end, self._upto):
+            if row.is_known and row.end_time > max(start, row.initial_time):
                 by_timeline[row.timeline.identity].append(row)
         for timeline in missing:
             rows = sorted(by_timeline[timeline.identity], key=lambda row: row.initial_time)
             self._pieces[timeline.identity] = [
                 (max(start, row.initial_time), min(end, row.end_time), row.value, row.initial_time) for row in rows
             ]
+
+    @cached_property
+    def _upto(self) -> int | None:
+        return self._reader.resolver.known_by(self._repository, self._point)
 
     def _with_expected(self, identity: Identity) -> list[Piece]:
         """The pieces of a timeline; where something runs, after now those that are expected."""
@@ -194,15 +199,23 @@ class StoredTrajectory:
         return found
 
 
-def when_true(reader: Reader, repository: Repository, condition: Question, since: int, until: int) -> Intervals:
-    """Return the maximal intervals in ``[since, until)`` in which a condition is true (rule Q4).
+def when_true(
+    reader: Reader,
+    repository: Repository,
+    condition: Question,
+    since: int,
+    until: int,
+    as_of: AsOf | None = None,
+) -> Intervals:
+    """Return the maximal intervals in ``[since, until)`` in which a condition is true (rule Q4), as of a time.
 
     Each version of the domain counts for its part of the span; a symbol must be known to one of them (rule D4), and
     says nothing where it is not.
     """
     found: list[Span] = []
-    first, last, now = reader.resolver.resolve_span(repository, since, until)
-    parts = list(reader.domains.within(repository, now.head, first, last))
+    first, last, now = reader.resolver.resolve_span(repository, since, until, as_of)
+    upto = reader.resolver.known_by(repository, now)
+    parts = list(reader.domains.within(repository, now.head, first, last, upto))
     prepared, checked = _prepared(reader, condition, [symbol_table for _, _, symbol_table in parts])
     formula = prepared.formula
     misfits: dict[NamedArgument, InvalidKnowledge | None] = {}

@@ -92,7 +92,9 @@ def action_text(run: Run) -> str:
 
 
 def outcome(found: Assertion, moments: TimeFormat) -> str:
-    """Which transaction ended an assertion, or cancelled it before it took effect."""
+    """Which transaction ended an assertion, cancelled it before it took effect, or superseded it."""
+    if found.superseded is not None:
+        return f"superseded by {by(found.superseded, moments)}"
     if found.cancelled is not None:
         return by(found.cancelled, moments)
     return "" if found.ended is None else by(found.ended, moments, found.end_time)
@@ -115,7 +117,10 @@ def log_table(transactions: Iterable[Transaction], moments: TimeFormat) -> Rende
 
 
 def change_view(change: Change, moments: TimeFormat) -> RenderableType:
-    """What one transaction did, or what took effect by the clock: ``+`` asserted, ``-`` ended, ``x`` cancelled."""
+    """What one transaction did, or what took effect by the clock.
+
+    ``+`` asserted, ``-`` ended, ``x`` cancelled, ``~`` superseded.
+    """
     if change.time != change.transaction.time:
         title = Text(f"{moments.absolute(change.time)} by the clock", TITLE)
     else:
@@ -123,11 +128,13 @@ def change_view(change: Change, moments: TimeFormat) -> RenderableType:
         if change.transaction.note:
             title.append(f"  {printable(change.transaction.note)}", "not bold")
     lines = [title]
-    for sign, found in (("+", change.asserted), ("-", change.ended), ("x", change.cancelled)):
+    for sign, found in (("+", change.asserted), ("-", change.ended), ("x", change.cancelled), ("~", change.superseded)):
         for assertion in found:
             line = Text(f"  {sign} {'goal ' if assertion.is_goal else ''}").append_text(item_text(assertion.item))
             if sign != "-" and assertion.initial_time > change.time:
                 line.append(f"  for {moments.absolute(assertion.initial_time)}", DIM)
+            elif sign in "+~" and assertion.initial_time < change.time:
+                line.append(f"  since {moments.absolute(assertion.initial_time)}", DIM)
             lines.append(line)
     return Group(*lines)
 

@@ -64,7 +64,7 @@ class AssertionQueries:
         own = [table.c[name] for name in table.info[tables.OWN]]
         self._value = [table.c.is_negative, *own]
         self._state = [table.c.timeline_id, table.c.initial_time, *self._value]
-        names = ("timeline_id", "initial_time", "end_time", "recorded_tx", "ended_tx", "retired_tx", "told_tx")
+        names = ("timeline_id", "initial_time", "end_time", "recorded_tx", "seq", "ended_tx", "retired_tx", "told_tx")
         self._recorded = [*(table.c[name] for name in names), table.c.level, table.c.end_cause, *self._value]
 
     # -- a state ------------------------------------------------------------------------------------------------
@@ -266,6 +266,22 @@ class AssertionQueries:
         )
 
     @cached_property
+    def known(self) -> Statement:
+        """What is known now of a timeline, from the latest that begins no later than :first on, to :last, in order."""
+        columns, other = self._columns, self._table.alias("latest").c
+        names = ("recorded_tx", "seq", "initial_time", "end_time", "ended_tx", "end_cause", "told_tx")
+        latest = self._on_timeline(other, other.timeline_id == parameter("timeline"))
+        latest = latest.where(other.initial_time <= parameter("first"))
+        rows = select(*(columns[name] for name in names), *self._value).where(
+            columns.kb_id == KB,
+            columns.timeline_id == parameter("timeline"),
+            columns.retired_tx.is_(None),
+            columns.initial_time >= latest.with_only_columns(_greatest(other.initial_time)).scalar_subquery(),
+            columns.initial_time <= parameter("last"),
+        )
+        return Statement(rows.order_by(columns.initial_time))
+
+    @cached_property
     def history(self) -> Statement:
         """The rows of some timelines from the latest that begins no later than :first on, up to :until.
 
@@ -366,8 +382,8 @@ class AssertionQueries:
                 columns.end_time <= parameter("last"),
                 columns.end_time < constant(OPEN),
                 between(columns.ended_tx),
-                # what late knowledge recorded may have inherited its end
-                columns.recorded_tx <= columns.ended_tx,
+                # what late knowledge recorded has ended with it, or inherited its end
+                columns.recorded_tx < columns.ended_tx,
             )
 
         return Statement(rows)
@@ -399,6 +415,13 @@ class AssertionQueries:
         return Batch.adding(self._table, *columns, *(column.name for column in self._value))
 
     @cached_property
+    def add_late(self) -> Batch:
+        """Add rows about the past, which may have ended."""
+        columns = ("kb_id", "seq", "recorded_tx", "timeline_id", "initial_time", "end_time", "ended_tx", "told_tx")
+        own = (column.name for column in self._value)
+        return Batch.adding(self._table, *columns, "level", "end_cause", *own)
+
+    @cached_property
     def end(self) -> Batch:
         """End a row at a transaction's own time."""
         return self._update("end_time", "level", "ended_tx", "end_cause")
@@ -417,6 +440,11 @@ class AssertionQueries:
     def cancel(self) -> Batch:
         """Cancel a row: it never takes effect."""
         return self._update("end_time", "level", "retired_tx")
+
+    @cached_property
+    def supersede(self) -> Batch:
+        """Leave a row as it was, but for what is known now."""
+        return self._update("level", "retired_tx")
 
     @cached_property
     def settle(self) -> Batch:

@@ -96,6 +96,13 @@ def _first_transaction_from() -> Any:
 
 first_transaction_from = Statement(_first_transaction_from())
 
+late_from = Statement(
+    select(sa.func.min(_transactions.late_from))
+    .with_hint(tables.transactions, "INDEXED BY ix_transactions_late", "sqlite")
+    .where(_transactions.kb_id == KB, _transactions.number > parameter("number"), _transactions.late_from.is_not(None))
+)
+"""The earliest time about which late knowledge was recorded after the transaction :number."""
+
 # -- domains and symbols --------------------------------------------------------------------------------------
 
 domain_versions = Statement(
@@ -218,6 +225,13 @@ revised = Statement(
     .order_by(_revisions.tx, _revisions.recorded_tx, _revisions.seq)
 )
 """The rows that the transactions after :after and up to :upto retired."""
+
+revisions = Statement(
+    select(_revisions.tx, _revisions.recorded_tx, _revisions.seq, _revisions.end_before)
+    .where(_revisions.kb_id == KB, between(_revisions.tx), _revisions.knowledge_type == parameter("kind"))
+    .order_by(_revisions.tx)
+)
+"""What the transactions after :after and up to :upto changed of rows of a knowledge type."""
 
 add_schedule = Batch.adding(tables.schedules)
 

@@ -10,8 +10,8 @@ from kbstore.model.timelines import Timeline, Value, stored_key
 from kbstore.storage import queries
 from kbstore.storage.assertion_queries import HEAD_COLUMNS, for_kind
 from kbstore.storage.connection import StoreConnection
-from kbstore.storage.interval_tree import EMPTY_LEVEL, level, node
-from kbstore.storage.records import Head, RowChanges, RunRow, StoredAssertion
+from kbstore.storage.interval_tree import EMPTY_LEVEL, level, node, superseded
+from kbstore.storage.records import Head, LateAssertion, RowChanges, RunRow, StoredAssertion
 from kbstore.storage.tables import PRESENT_SCHEDULES, Revision
 
 _TOKEN_BITS = 62
@@ -32,12 +32,13 @@ class Recorder:
     def record(self, changes: RowChanges, client: str, note: str) -> Head:
         """Write everything, and advance the head; returns it."""
         connection, kb, before = self._connection, self._kb, self._head
-        present = before.present | sum(1 << kind for kind, added in changes.adds.items() if added)
+        added = [kind for rows in (changes.adds, changes.late) for kind, found in rows.items() if found]
+        present = before.present | sum(1 << kind for kind in set(added))
         token = secrets.randbits(_TOKEN_BITS)
         with connection.together():
             self._add_timelines(changes)
             last_timeline = before.timeline + len(changes.timelines)
-            row = (kb, changes.changes, self._number, self._now, token, last_timeline, None, client, note)
+            row = (kb, changes.changes, self._number, self._now, token, last_timeline, changes.late_from, client, note)
             connection.many(queries.add_transaction, [row])
             if changes.domain is not None:
                 name, source, sensed = changes.domain
@@ -54,6 +55,7 @@ class Recorder:
                 number=self._number,
                 time=self._now,
                 token=token,
+                late=before.late if changes.late_from is None else self._number,
                 timeline=last_timeline,
                 last_run=max(before.last_run, changes.last_run),
                 domain_version=before.domain_version + (changes.domain is not None),
@@ -89,6 +91,13 @@ class Recorder:
                 self._revise(kind, row, Revision.CANCELLED)
             connection.many(for_kind[kind].cancel, cancelled)
             connection.many(queries.cancel_schedule, unscheduled)
+        for kind, supersedes in changes.supersedes.items():
+            superseding = []
+            for row in supersedes:
+                was = level(row.initial_time, row.end_time)
+                superseding.append((number, superseded(was), kb, row.recorded_tx, row.seq))
+                self._revise(kind, row, Revision.SUPERSEDED)
+            connection.many(for_kind[kind].supersede, superseding)
         for kind, settles in changes.settles.items():
             settled = []
             for row, end in settles:
@@ -108,6 +117,10 @@ class Recorder:
                 rows = [self._row(kind, seq + place, is_derived, *new) for place, new in enumerate(added)]
                 seq += len(rows)
                 self._connection.many(for_kind[kind].add, rows)
+        for kind, late in changes.late.items():
+            rows = [self._late_row(seq + place, new) for place, new in enumerate(late)]
+            seq += len(rows)
+            self._connection.many(for_kind[kind].add_late, rows)
 
     def _row(
         self, kind: KnowledgeType, seq: int, is_derived: bool, timeline: Timeline, start: int, end: int, value: Value
@@ -117,6 +130,12 @@ class Recorder:
             row = (kb, seq, number, timeline.id, now, start, start, node(now, start), int(kind), is_derived)
             self._schedules.append(row)
         return (kb, seq, number, timeline.id, start, end, level(start, end), *value)
+
+    def _late_row(self, seq: int, new: LateAssertion) -> Sequence[Any]:
+        start, end = new.initial_time, new.end_time
+        ended_tx, cause = (None, None) if new.ended is None else (new.ended[0] or self._number, int(new.ended[1]))
+        key = (self._kb, seq, self._number, new.timeline.id, start, end, ended_tx, new.told)
+        return (*key, level(start, end), cause, *new.value)
 
     def _revise(self, kind: KnowledgeType, row: StoredAssertion, what: Revision) -> None:
         key = (self._kb, row.seq, self._number, row.recorded_tx)

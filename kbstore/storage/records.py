@@ -81,6 +81,36 @@ class StoredPoint(NamedTuple):
     value: Value | None
 
 
+class KnownAssertion(NamedTuple):
+    """A stored assertion that is part of what is known now, as late knowledge needs it.
+
+    Attributes:
+        ended, cause: the transaction that ended it at its own time, and why.
+        told: the transaction that first recorded it.
+    """
+
+    stored: StoredAssertion
+    ended: int | None
+    cause: int | None
+    told: int
+
+
+class LateAssertion(NamedTuple):
+    """A new assertion about the past: late knowledge, or what it has left of another.
+
+    Attributes:
+        told: the transaction that first recorded it; None where that is this one.
+        ended: the transaction that ended it, None for this one, and why; None where it ends by what follows.
+    """
+
+    timeline: Timeline
+    initial_time: int
+    end_time: int
+    value: Value
+    told: int | None
+    ended: tuple[int | None, EndCause] | None
+
+
 class RecordedAssertion(NamedTuple):
     """A stored assertion as history needs it.
 
@@ -92,12 +122,32 @@ class RecordedAssertion(NamedTuple):
     initial_time: int
     end_time: int
     recorded: int
+    seq: int
     ended: int | None
     cancelled: int | None
     superseded: int | None
     told: int | None
     cause: int | None
     value: Value
+
+    @property
+    def is_known(self) -> bool:
+        """Whether it is neither cancelled nor superseded."""
+        return self.cancelled is None and self.superseded is None
+
+    def followed(self, row: "RecordedAssertion") -> bool:
+        """Whether it followed a row when that was recorded; late knowledge may have taken it away since then."""
+        retired = self.superseded if self.end_time > self.initial_time else self.ended
+        return self.cancelled is None and (retired is None or retired > row.recorded)
+
+
+class RevisionRow(NamedTuple):
+    """That a transaction has changed a row that was not simply open until then, and when the row had ended before."""
+
+    number: int
+    recorded: int
+    seq: int
+    end_before: int
 
 
 class TransactionRows(NamedTuple):
@@ -165,11 +215,14 @@ class RowChanges:
         mentions: which timeline of an object is mentioned by which timeline.
         ends: what ends now, and why.
         cancels: what was scheduled and will not take effect.
+        supersedes: what late knowledge has changed; it stays on record as it was.
         settles: what gets another end that lies ahead.
         rates: scheduled values of functions whose rates change by what runs.
         adds: new assertions, each with its timeline, when it begins and ends, and its value.
         derived: functions that move at another rate from a later time on, by what their rates read (rule O5).
         underived: what had been derived for later times, and is not any more.
+        late: new assertions about the past.
+        late_from: the earliest time about which late knowledge is recorded.
         runs: those that start now.
         ended_runs: those that end now: number, start and outcome ("ended" or "aborted").
         domain: a new version of the domain.
@@ -182,11 +235,14 @@ class RowChanges:
     mentions: list[tuple[Timeline, Timeline]] = field(default_factory=list)
     ends: dict[KnowledgeType, list[tuple[StoredAssertion, EndCause]]] = field(default_factory=_by_kind)
     cancels: dict[KnowledgeType, list[StoredAssertion]] = field(default_factory=_by_kind)
+    supersedes: dict[KnowledgeType, list[StoredAssertion]] = field(default_factory=_by_kind)
     settles: dict[KnowledgeType, list[tuple[StoredAssertion, int]]] = field(default_factory=_by_kind)
     rates: list[tuple[StoredAssertion, float]] = field(default_factory=list)
     adds: dict[KnowledgeType, list[tuple[Timeline, int, int, Value]]] = field(default_factory=_by_kind)
     derived: list[tuple[Timeline, int, int, Value]] = field(default_factory=list)
     underived: list[StoredAssertion] = field(default_factory=list)
+    late: dict[KnowledgeType, list[LateAssertion]] = field(default_factory=_by_kind)
+    late_from: int | None = None
     runs: list[RunRow] = field(default_factory=list)
     ended_runs: list[tuple[int, int, str]] = field(default_factory=list)
     domain: DomainRow | None = None

@@ -18,8 +18,10 @@ from kbstore.storage.memory import Mark, StoreMemory
 from kbstore.storage.recorder import Recorder
 from kbstore.storage.records import (
     Head,
+    KnownAssertion,
     LogPosition,
     RecordedAssertion,
+    RevisionRow,
     RowChanges,
     RunRow,
     StateRow,
@@ -33,7 +35,7 @@ from kbstore.storage.tables import PRESENT_SCHEDULES
 _LAST_KEY = "\U0010ffff"
 """What comes after all keys."""
 
-_VALUE = 9
+_VALUE = 10
 """Where the value begins in the rows that history reads."""
 
 
@@ -108,6 +110,16 @@ class Repository:
         """The number of the first transaction at a time or later; None if there is none."""
         row = self._connection.first(queries.first_transaction_from, {"kb": self._kb, "time": time})
         return None if row is None else int(row[0])
+
+    def last_number_at(self, t: int) -> int:
+        """The number of the last transaction at a time or before; 0 if there is none."""
+        following = self.first_transaction_from(t + 1)
+        return self.head().number if following is None else following - 1
+
+    def late_from(self, number: int) -> int:
+        """The earliest time about which late knowledge was recorded after a transaction; OPEN if there was none."""
+        row = self._connection.first(queries.late_from, {"kb": self._kb, "number": number})
+        return OPEN if row is None or row[0] is None else int(row[0])
 
     def after_transaction(self, number: int, time: int) -> LogPosition:
         """The position in the record exactly after a transaction."""
@@ -371,22 +383,73 @@ class Repository:
     # -- history ----------------------------------------------------------------------------------------------
 
     def history(
-        self, kind: KnowledgeType, timelines: Sequence[Timeline], first: int, until: int
+        self, kind: KnowledgeType, timelines: Sequence[Timeline], first: int, until: int, upto: int | None = None
     ) -> list[RecordedAssertion]:
         """The rows of some timelines from the one that holds at `first` on, up to `until`.
 
         With all that begin before `until` and do not count now: cancelled and superseded ones, and those that ended as
-        they began.
+        they began. With `upto`, the rows as they were after that transaction, from the first on.
         """
         if not timelines:
             return []
         ids = self._connection.array([timeline.id for timeline in timelines])
-        parameters = {"kb": self._kb, "ids": ids, "first": first, "until": until}
-        return self._recorded(self._connection.all(for_kind[kind].history, parameters))
+        parameters = {"kb": self._kb, "ids": ids, "first": first if upto is None else 0, "until": until}
+        rows = self._recorded(self._connection.all(for_kind[kind].history, parameters))
+        return rows if upto is None else self._as_after(kind, rows, upto)
 
-    def beginning_at(self, points: Iterable[tuple[Timeline, int]]) -> list[RecordedAssertion]:
-        """The rows that begin on timelines at the times that are given with them."""
-        return self._of_pairs(points, lambda statements: statements.beginning)
+    def _as_after(self, kind: KnowledgeType, rows: Iterable[RecordedAssertion], number: int) -> list[RecordedAssertion]:
+        """Rows as they were after a transaction: what was done to them later is undone."""
+        revised: dict[tuple[int, int], list[RevisionRow]] = defaultdict(list)
+        for revision in self.revisions(kind, number, self.head().number):
+            revised[revision.recorded, revision.seq].append(revision)
+        found = []
+        for row in rows:
+            if row.recorded > number:
+                continue
+            ended = row.ended is not None and row.ended > number
+            revisions = [
+                revision
+                for revision in revised[row.recorded, row.seq]
+                # what was open until it ended has no revision for that
+                if not ended or (row.ended is not None and revision.number <= row.ended)
+            ]
+            found.append(
+                row._replace(
+                    end_time=revisions[0].end_before if revisions else OPEN if ended else row.end_time,
+                    ended=None if ended else row.ended,
+                    cause=None if ended else row.cause,
+                    cancelled=_upto(row.cancelled, number),
+                    superseded=_upto(row.superseded, number),
+                )
+            )
+        return found
+
+    def revisions(self, kind: KnowledgeType, after: int, upto: int) -> list[RevisionRow]:
+        """How the transactions after a number and up to another changed rows, in their order."""
+        parameters = {"kb": self._kb, "kind": int(kind), "after": after, "upto": upto}
+        return [RevisionRow(*row) for row in self._connection.all(queries.revisions, parameters)]
+
+    def known_rows(self, timeline: Timeline, first: int, last: int) -> list[KnownAssertion]:
+        """What is known now of a timeline, from the latest that begins no later than `first` on, to `last`."""
+        parameters = {"kb": self._kb, "timeline": timeline.id, "first": first, "last": last}
+        found = []
+        for row in self._connection.all(for_kind[timeline.kind].known, parameters):
+            recorded, seq, start, end, ended, cause, told = row[:7]
+            stored = StoredAssertion(recorded, seq, start, end, None, False, row[7:])
+            found.append(KnownAssertion(stored, ended, cause, told or recorded))
+        return found
+
+    def beginning_at(self, points: Iterable[tuple[Timeline, int]], upto: int | None = None) -> list[RecordedAssertion]:
+        """The rows that begin on timelines at the times that are given with them; as after the transaction `upto`."""
+        rows = self._of_pairs(points, lambda statements: statements.beginning)
+        if upto is None:
+            return rows
+        kinds = {row.timeline.kind for row in rows}
+        return [
+            row
+            for kind in kinds
+            for row in self._as_after(kind, [row for row in rows if row.timeline.kind is kind], upto)
+        ]
 
     def latest_before(self, points: Iterable[tuple[Timeline, int]]) -> list[RecordedAssertion]:
         """For each timeline the latest row that counts now and begins before the time that is given with it."""
@@ -434,7 +497,7 @@ class Repository:
     def _recorded(self, rows: list[SqlRow]) -> list[RecordedAssertion]:
         timelines = self.timelines([row[0] for row in rows])
         found = []
-        for id, start, end, recorded, ended, retired, told, level, cause, *value in rows:
+        for id, start, end, recorded, seq, ended, retired, told, level, cause, *value in rows:
             is_cancelled = level == EMPTY_LEVEL and ended is None
             found.append(
                 RecordedAssertion(
@@ -442,6 +505,7 @@ class Repository:
                     start,
                     end,
                     recorded,
+                    seq,
                     ended,
                     retired if is_cancelled else None,
                     retired if level != EMPTY_LEVEL else None,
@@ -466,6 +530,10 @@ def _run(row: SqlRow) -> RunRow:
         tuple(forced.split("\n") if forced else ()),
         *ending,
     )
+
+
+def _upto(number: int | None, last: int) -> int | None:
+    return None if number is None or number > last else number
 
 
 def _with_timelines(rows: list[SqlRow], timelines: Mapping[int, Timeline]) -> list[StateRow]:

@@ -114,6 +114,15 @@ transactions = Table(
     sqlite_with_rowid=False,
 )
 
+Index(
+    "ix_transactions_late",
+    transactions.c.kb_id,
+    transactions.c.number,
+    transactions.c.late_from,
+    sqlite_where=text("late_from IS NOT NULL"),
+    postgresql_where=text("late_from IS NOT NULL"),
+)
+
 domains = Table(
     "domains",
     metadata,

@@ -1,11 +1,7 @@
-"""A transaction's working copy of the timelines that it touches (an identity map), and its flush to rows.
+"""A transaction's working copy of the timelines that it touches (an identity map).
 
-Updates apply to the change set one after another. Only at the end is each timeline compared with what is stored, so
-that of several updates of one timeline at one time only the last is recorded (rule C1).
-
-Ends that lie ahead are always derived: a row that no transaction ends at its own time ends at the earlier of the next
-assertion on its timeline and the end of the existence of any object that it mentions (rules V1, C6, C9).
-`ChangeSet.finish` derives them anew for everything that the transaction touched.
+Updates apply to the change set one after another. Only at the end is each timeline compared with what is stored
+(`kbstore.writing.flush`), so that of several updates of one timeline at one time only the last is recorded (rule C1).
 """
 
 from collections import defaultdict
@@ -18,10 +14,11 @@ from kbstore.model.formulas import Atom
 from kbstore.model.timelines import EndCause, Identity, Role, Timeline, Value, number_at
 from kbstore.names import key
 from kbstore.planning.simulator import Event
-from kbstore.storage.records import RowChanges, StateRow, StoredAssertion
+from kbstore.storage.records import StateRow, StoredAssertion
 from kbstore.storage.repository import Repository
 from kbstore.writing.lifespans import Lifespan, lifespans_of, lost_time
-from kbstore.writing.timeline_state import TimelineState
+from kbstore.writing.past import Past
+from kbstore.writing.timeline_state import Copy, TimelineState
 
 Mentions = Callable[[Timeline, Value], Sequence[str]]
 
@@ -34,7 +31,8 @@ class ChangeSet:
     def __init__(self, repository: Repository, now: int, mentions: Mentions) -> None:
         self.now = now
         self._repository = repository
-        self._mentions = mentions
+        self.mentions = mentions
+        """Which objects an assertion mentions, by key."""
         self._groups: dict[tuple[Role, KnowledgeType], dict[str, TimelineState]] = {group: {} for group in _GROUPS}
         self._by_id: dict[int, TimelineState] = {}
         self._absent: dict[tuple[Role, KnowledgeType], set[str]] = {group: set() for group in _GROUPS}
@@ -42,7 +40,9 @@ class ChangeSet:
         self.objects_changed = 0
         """How often the existence of an object has changed here."""
         self._mentioning: dict[str, list[TimelineState]] = {}
-        self._journal: dict[TimelineState, tuple[Value | None, dict[int, Value], EndCause]] = {}
+        self._journal: dict[TimelineState, Copy] = {}
+        self.past = Past(self, repository)
+        """What is known of the time before now."""
 
     # -- timelines --------------------------------------------------------------------------------------------
 
@@ -100,6 +100,10 @@ class ChangeSet:
                     objects.update(words[1:])
         self.load(Role.STATE, KnowledgeType.INSTANCE, objects)
 
+    def object(self, name: str) -> TimelineState | None:
+        """The INSTANCE timeline of an object by its key, None if there is none."""
+        return self.find(Identity(Role.STATE, KnowledgeType.INSTANCE, name))
+
     def loaded(self, timelines: Iterable[Timeline]) -> list[TimelineState]:
         """Load stored timelines, and return their states."""
         timelines = list(timelines)
@@ -127,7 +131,7 @@ class ChangeSet:
 
     def put(self, state: TimelineState, value: Value, t: int) -> None:
         """Let a value hold from now on; from a later time, in place of what was scheduled for it (rule C6)."""
-        self._touch(state)
+        self.touch(state)
         if t > self.now:
             state.ahead[t] = value
             return
@@ -137,14 +141,18 @@ class ChangeSet:
 
     def take(self, state: TimelineState, t: int, cause: EndCause) -> None:
         """End what holds now; for a later time, cancel what is scheduled for it (rules C4, C5)."""
-        self._touch(state)
+        self.touch(state)
         if t > self.now:
             del state.ahead[t]
             return
         state.value = None
         state.cause = cause
+        if state.past is not None:
+            state.past.begun_now = None
+            state.past.is_ended_now = True
 
-    def _touch(self, state: TimelineState) -> None:
+    def touch(self, state: TimelineState) -> None:
+        """Note that a timeline is about to change."""
         if state not in self._journal:
             self._journal[state] = state.copy()
         if state.timeline.kind is KnowledgeType.INSTANCE:
@@ -165,7 +173,7 @@ class ChangeSet:
         """Whether a function has been set in this transaction, to whatever value."""
         state = self._groups[Role.STATE, KnowledgeType.FUNCTION].get(" ".join((function.name, *function.arguments)))
         base = None if state is None else state.base(self.now)
-        return state is not None and (base is None or state.value != self._value_now(state, base))
+        return state is not None and (base is None or state.value != self.value_now(state, base))
 
     def follow(self, events: Iterable[Event]) -> None:
         """Take over how numbers move by what runs (rule O5): now, and from later times on as derived assertions."""
@@ -215,7 +223,7 @@ class ChangeSet:
     def _is_about(self, state: TimelineState, t: int | None, about: TimelineState) -> bool:
         """Whether what stands (or is scheduled for `t`) mentions an object: the metric's timeline holds many things."""
         value = state.value if t is None else state.ahead[t]
-        return value is not None and about.timeline.key in self._mentions(state.timeline, value)
+        return value is not None and about.timeline.key in self.mentions(state.timeline, value)
 
     def mentioning(self, state: TimelineState) -> list[TimelineState]:
         """The timelines that mention the object of an INSTANCE timeline, stored and new."""
@@ -232,7 +240,9 @@ class ChangeSet:
         metric = self._groups[Role.STATE, KnowledgeType.EXPRESSION].values()
         for state in dict.fromkeys((*self._new, *metric)):
             values = ([] if state.value is None else [state.value]) + list(state.ahead.values())
-            for name in {name for value in values for name in self._mentions(state.timeline, value)}:
+            if state.past is not None:
+                values += [piece.value for piece in state.past.pieces]
+            for name in {name for value in values for name in self.mentions(state.timeline, value)}:
                 by_object[name].append(state)
         return by_object
 
@@ -243,123 +253,18 @@ class ChangeSet:
             base = state.base(self.now)
             if state.value is None:
                 rows.pop(identity, None)
-            elif base is None or state.value != self._value_now(state, base):
+            elif state.is_edited:
+                piece = self.past.pieces(state)[-1]
+                rows[identity] = (state.timeline, piece.start, piece.value)
+            elif base is None or state.value != self.value_now(state, base):
                 rows[identity] = (state.timeline, self.now, state.value)
             for t in state.stored_ahead.keys() - state.ahead.keys():
                 pending.pop((identity, t), None)
             for t, value in state.ahead.items():
                 pending[identity, t] = (state.timeline, t, value)
 
-    # -- what is written --------------------------------------------------------------------------------------
-
-    def finish(self) -> RowChanges:
-        """Compare with what is stored: what the transaction has to write."""
-        writes = RowChanges()
-        objects = self._groups[Role.STATE, KnowledgeType.INSTANCE]
-        if self.objects_changed:
-            for track in list(objects.values()):
-                if self._ends(self.lifespans(track)) != self._ends(self.stored_lifespans(track)):
-                    self.mentioning(track)
-        # objects on which nothing is scheduled end nothing ahead
-        ends = {track.timeline.key: self._ends(self.lifespans(track)) for track in self._all_scheduled_objects()}
-        for track in list(self.states()):
-            self._finish_track(track, ends, writes)
-        self._note_new(writes)
-        return writes
-
-    def _note_new(self, writes: RowChanges) -> None:
-        """The timelines that are new, and which objects they mention."""
-        new: dict[Timeline, None] = {}
-        objects = self._groups[Role.STATE, KnowledgeType.INSTANCE]
-        for kind, added in writes.adds.items():
-            for timeline, _, _, value in added:
-                if not timeline.id:
-                    new[timeline] = None
-                elif kind is not KnowledgeType.EXPRESSION:
-                    continue
-                for name in self._mentions(timeline, value):
-                    known = objects.get(name)
-                    if known is None:
-                        known = self.state(Identity(Role.STATE, KnowledgeType.INSTANCE, name), name)
-                    about = known.timeline
-                    if not about.id:
-                        new[about] = None
-                    writes.mentions.append((about, timeline))
-        writes.timelines = list(new)
-
-    def _all_scheduled_objects(self) -> list[TimelineState]:
-        stored = self.loaded(self._repository.timelines_of(self._repository.scheduled_objects(self.now)))
-        objects = self._groups[Role.STATE, KnowledgeType.INSTANCE].values()
-        return list(dict.fromkeys((*stored, *(track for track in objects if track.ahead))))
-
-    @staticmethod
-    def _ends(existences: Sequence[Lifespan]) -> list[int]:
-        return [lifespan.end for lifespan in existences if lifespan.end != OPEN]
-
-    def _finish_track(self, track: TimelineState, ends: dict[str, list[int]], writes: RowChanges) -> None:
-        kind = track.timeline.kind
-        base = track.base(self.now)
-        if base is None and track.value is None and not track.ahead and not track.stored_ahead:
-            # what is derived follows from one of these
-            return
-        changed = False
-        standing_again = base is not None and track.value == self._value_now(track, base)
-        # (initial time, value, the stored row if it stays, whether it is derived)
-        line: list[tuple[int, Value | None, StoredAssertion | None, bool]] = []
-        if base is not None and standing_again:
-            line.append((base.initial_time, base.value, base, False))
-        else:
-            if base is not None:
-                changed = True
-                cause = track.cause if track.value is None else EndCause.REPLACED
-                writes.ends[kind].append((base, cause))
-            if track.value is not None:
-                line.append((self.now, track.value, None, False))
-        for t in sorted({**track.derived, **track.ahead}):
-            if t not in track.ahead:
-                line.append((t, track.derived[t], track.stored_derived.get(t), True))
-                continue
-            stored = track.stored_ahead.get(t)
-            value = track.ahead[t]
-            if stored is not None and _same_but_rate(kind, stored.value, value):
-                line.append((t, value, stored, False))
-                if stored.value != value:
-                    writes.rates.append((stored, value[3]))
-            else:
-                line.append((t, value, None, False))
-        for t, stored in track.stored_ahead.items():
-            if t not in track.ahead or not _same_but_rate(kind, stored.value, track.ahead[t]):
-                changed = True
-                writes.cancels[kind].append(stored)
-        writes.underived += [row for t, row in track.stored_derived.items() if t not in track.derived]
-        for index, (start, entry, stored, is_derived) in enumerate(line):
-            if entry is None:
-                if stored is not None:
-                    writes.underived.append(stored)
-                continue
-            end = line[index + 1][0] if index + 1 < len(line) else OPEN
-            if ends:
-                for name in self._mentions(track.timeline, entry):
-                    end = min(end, min((t for t in ends.get(name, ()) if t > start), default=OPEN))
-            if is_derived:
-                if stored is not None and (stored.value != entry or stored.end_time != end):
-                    writes.underived.append(stored)
-                    stored = None  # noqa: PLW2901 - it is derived anew
-                if stored is None:
-                    writes.derived.append((track.timeline, start, end, entry))
-            elif stored is None:
-                changed = True
-                writes.adds[kind].append((track.timeline, start, end, entry))
-            elif stored.end_time != end:
-                writes.settles[kind].append((stored, end))
-        writes.changes += changed
-
-    def _value_now(self, track: TimelineState, base: StoredAssertion) -> Value:
+    def value_now(self, track: TimelineState, base: StoredAssertion) -> Value:
+        """What a stored row that holds now has come to: a number may move."""
         if track.timeline.kind is not KnowledgeType.FUNCTION:
             return base.value
         return (False, number_at(base.value, base.initial_time, self.now), *base.value[2:])
-
-
-def _same_but_rate(kind: KnowledgeType, stored: Value, value: Value) -> bool:
-    """Whether a scheduled value is the stored one; a function's rate besides its own is derived."""
-    return stored[:3] == value[:3] if kind is KnowledgeType.FUNCTION else stored == value

@@ -24,7 +24,7 @@ from kbstore.messages import (
 )
 from kbstore.model.formulas import Comparison, Formula
 from kbstore.model.symbols import SymbolTable
-from kbstore.model.timelines import METRIC_KEY, EndCause, Identity, Role, Value, atom_key, fact_value
+from kbstore.model.timelines import METRIC_KEY, EndCause, Identity, Role, Timeline, Value, atom_key, fact_value
 from kbstore.names import is_wildcard, key, matches
 from kbstore.pddl.parse import condition_of, parse_condition, uncertain_atoms
 from kbstore.pddl.printer import condition_text, expression_text
@@ -64,6 +64,7 @@ class Handlers:
         self.resolver = Resolver(change_set, symbols)
         self._objects = ObjectHandlers(change_set, repository, self.resolver, on_removed_object)
         self._now = change_set.now
+        self._put = change_set.put
 
     # -- adding -----------------------------------------------------------------------------------------------
 
@@ -93,9 +94,8 @@ class Handlers:
 
     def add_constraint(self, text: str, about: str = "") -> Violations:
         """Keep what a problem says and no message carries, instead of what was kept before `about` the same."""
-        name = about or text
-        state = self._change_set.state(Identity(Role.CONSTRAINT, KnowledgeType.EXPRESSION, key(name)), name)
-        self._change_set.put(state, (False, "", text), self._now)
+        state = self._formula_state(about or text, Role.CONSTRAINT, KnowledgeType.EXPRESSION)
+        self._put(state, (False, "", text), self._now)
         return _NONE
 
     def end_uncertain(self) -> None:
@@ -121,7 +121,7 @@ class Handlers:
         if not violations:
             state = self._change_set.state(Identity(Role.STATE, KnowledgeType.EXPRESSION, METRIC_KEY), METRIC_KEY)
             text = expression_text(canonical_expression(self.resolver, expression))
-            self._change_set.put(state, (False, item.optimization, text), t)
+            self._put(state, (False, item.optimization, text), t)
         return violations
 
     def _add_fact(self, item: Fact, t: int) -> Violations:
@@ -134,7 +134,7 @@ class Handlers:
         state = self.resolver.atom(item, KnowledgeType.FACT, role, t)
         if not isinstance(state, TimelineState):
             return state
-        self._change_set.put(state, fact_value(item.is_negative), t)
+        self._put(state, fact_value(item.is_negative), t)
         return _NONE
 
     def _add_function(self, item: Function, t: int) -> Violations:
@@ -149,7 +149,7 @@ class Handlers:
         if not isinstance(state, TimelineState):
             return state
         if item.assign_op is AssignOp.ASSIGN:
-            self._change_set.put(state, (False, item.function_value, item.rate, item.rate), t)
+            self._put(state, (False, item.function_value, item.rate, item.rate), t)
             return _NONE
         if t > self._now:
             raise ScheduledRelativeChange(
@@ -182,7 +182,7 @@ class Handlers:
                 own_rate = operand
         if not math.isfinite(number):
             raise InvalidKnowledge(f"({operation.pddl} {atom} {operand!r}) exceeds what a double can hold")
-        self._change_set.put(state, (False, number, own_rate, own_rate), self._now)
+        self._put(state, (False, number, own_rate, own_rate), self._now)
 
     def _add_inequality(self, item: Inequality, role: Role, t: int) -> Violations:
         try:
@@ -195,8 +195,8 @@ class Handlers:
         spelled = canonical_condition(self.resolver, formula)
         assert isinstance(spelled, Comparison)
         left, right = expression_text(spelled.left), expression_text(spelled.right)
-        state = self._formula_state(spelled, role, KnowledgeType.INEQUALITY)
-        self._change_set.put(state, (item.is_negative, int(item.ineq.comparison_type), left, right, True), t)
+        state = self._formula_state(condition_text(spelled), role, KnowledgeType.INEQUALITY)
+        self._put(state, (item.is_negative, int(item.ineq.comparison_type), left, right, True), t)
         return _NONE
 
     def _add_condition(self, text: str, role: Role, t: int) -> Violations:
@@ -207,17 +207,17 @@ class Handlers:
         violations = naming(condition_text(formula), condition_violations(self.resolver, formula, t))
         if violations:
             return violations
-        state = self._formula_state(canonical_condition(self.resolver, formula), role, KnowledgeType.EXPRESSION)
+        spelled = condition_text(canonical_condition(self.resolver, formula))
+        state = self._formula_state(spelled, role, KnowledgeType.EXPRESSION)
         # variables, too, are spelled as when the condition was first recorded
-        self._change_set.put(state, (False, "", state.timeline.spelling), t)
+        self._put(state, (False, "", state.timeline.spelling), t)
         return _NONE
 
     def _inequality(self, item: Inequality) -> Formula:
         """The comparison that an inequality records, without its sign."""
         return condition_of(item.changed(is_negative=False), self._symbols.domain)
 
-    def _formula_state(self, formula: Formula, role: Role, kind: KnowledgeType) -> TimelineState:
-        text = condition_text(formula)
+    def _formula_state(self, text: str, role: Role, kind: KnowledgeType) -> TimelineState:
         return self._change_set.state(Identity(role, kind, key(text)), text)
 
     # -- removing ---------------------------------------------------------------------------------------------
@@ -230,9 +230,8 @@ class Handlers:
             case Function():
                 return self._remove_atoms(item, KnowledgeType.FUNCTION, Role.STATE, t)
             case Instance():
-                return self._objects.remove(
-                    item, self._matching(Role.STATE, KnowledgeType.INSTANCE, (key(item.instance_name),), t), t
-                )
+                matching = self._matching(Role.STATE, item.knowledge_type, (key(item.instance_name),), t)
+                return self._objects.remove(item, matching, t)
             case Inequality():
                 return self._remove_inequality(item, Role.STATE, t)
             case Expression():
@@ -293,11 +292,9 @@ class Handlers:
         if not any(map(is_wildcard, pattern)):
             state = self._change_set.find(Identity(role, kind, atom_key(pattern)))
             return [] if state is None else [state]
-        position = LogPosition(self._now)
-        read = self._repository.scheduled_at if t > self._now else self._repository.state_at
         stored = {
             timeline.id: timeline
-            for timeline, *_ in read(kind, position)
+            for timeline in self._candidates(role, kind, pattern, t)
             if timeline.role is role and matches(pattern, timeline.keys)
         }
         self._change_set.loaded(stored.values())
@@ -306,6 +303,11 @@ class Handlers:
             for state in self._change_set.states()
             if (timeline := state.timeline).kind is kind and timeline.role is role and matches(pattern, timeline.keys)
         ]
+
+    def _candidates(self, role: Role, kind: KnowledgeType, pattern: Sequence[str], t: int) -> Iterable[Timeline]:
+        """The stored timelines among which those are that a pattern with wildcards matches."""
+        read = self._repository.scheduled_at if t > self._now else self._repository.state_at
+        return [timeline for timeline, *_ in read(kind, LogPosition(self._now))]
 
     def _remove_inequality(self, item: Inequality, role: Role, t: int) -> Violations:
         try:

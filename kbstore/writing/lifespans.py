@@ -1,6 +1,6 @@
 """When an object exists: adjacent existences of the same type are one (rule C6)."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 from kbstore.clock import OPEN
@@ -47,3 +47,15 @@ def lost_time(before: Sequence[Lifespan], after: Sequence[Lifespan]) -> list[tup
         if start < end:
             lost.append((start, end))
     return lost
+
+
+def joined(lifespans: Iterable[Lifespan]) -> list[Lifespan]:
+    """Lifespans in order of time, where adjacent ones of the same type are one."""
+    found: list[Lifespan] = []
+    for lifespan in lifespans:
+        last = found[-1] if found else None
+        if last is not None and last.end == lifespan.start and last.type_name.lower() == lifespan.type_name.lower():
+            found[-1] = last._replace(end=lifespan.end)
+        else:
+            found.append(lifespan)
+    return found

@@ -6,7 +6,7 @@ from itertools import pairwise
 from kbstore import names
 from kbstore.clock import isoformat
 from kbstore.messages import Instance
-from kbstore.model.timelines import EndCause
+from kbstore.model.timelines import EndCause, Value
 from kbstore.names import is_wildcard, key
 from kbstore.storage.repository import Repository
 from kbstore.writing.change_set import ChangeSet
@@ -56,7 +56,7 @@ class ObjectHandlers:
                 return [f"{item}: {name} exists with the type {value[1]}; remove it first, or use another name"]
             ended = self._ended_now(state)
             if ended is not None and key(ended) != key(type_name):
-                return [_meeting(name, Lifespan(0, t, ended), Lifespan(t, t, type_name))]
+                return [meeting(name, Lifespan(0, t, ended), Lifespan(t, t, type_name))]
         if not item.is_negative:
             self._change_set.put(state, (False, type_name), t)
         return self._settled_object(state, before)
@@ -70,6 +70,7 @@ class ObjectHandlers:
         return next((str(spelling) for spelling in written if key(spelling) == key(type_name)), type_name)
 
     def _instance_violations(self, item: Instance) -> Violations:
+        """What is wrong with an object that is to be added, by its name and its type."""
         name, domain = item.instance_name, self._domain
         violations = []
         wrong = names.problem(name)
@@ -88,6 +89,10 @@ class ObjectHandlers:
 
     def _ended_now(self, state: TimelineState) -> str | None:
         """The type with which an object existed until exactly now, if it did."""
+        if state.is_edited:
+            assert state.past is not None
+            last = state.past.pieces[-1] if state.past.pieces else None
+            return None if last is None or last.end != self._now or last.value[0] else str(last.value[1])
         latest = state.latest
         if latest is not None and latest.initial_time == self._now:
             before = self._repository.latest_before([(state.timeline, self._now)])
@@ -103,15 +108,15 @@ class ObjectHandlers:
         after = self._change_set.lifespans(state)
         for earlier, later in pairwise(after):
             if earlier.end == later.start:
-                return [_meeting(state.timeline.spelling, earlier, later)]
+                return [meeting(state.timeline.spelling, earlier, later)]
         self._change_set.drop_mentions(state, before, EndCause.OBJECT)
         existed = bool(before) and before[0].start == self._now
         if existed and not (after and after[0].start == self._now):
             self._on_removed_object(state.timeline.key)
         return ()
 
-    def remove(self, item: Instance, states: Iterable[TimelineState], t: int) -> Violations:
-        """Remove objects, or cancel what is scheduled for them at `t`, where they are as the item says."""
+    def _removal_violations(self, item: Instance) -> Violations:
+        """What is wrong with a pattern of objects that are to be removed."""
         domain = self._domain
         if domain is not None:
             if item.instance_type and not domain.knows_type(item.instance_type):
@@ -121,9 +126,16 @@ class ObjectHandlers:
                 return [f"{item}: {item.instance_name} is a constant of the domain, which cannot be removed"]
         if is_wildcard(item.instance_name) and not item.instance_type:
             return [f"{item}: a removal names its object or its type; clear() removes everything"]
+        return ()
+
+    def remove(self, item: Instance, states: Iterable[TimelineState], t: int) -> Violations:
+        """Remove objects, or cancel what is scheduled for them at `t`, where they are as the item says."""
+        violations = self._removal_violations(item)
+        if violations:
+            return violations
         for state in states:
             value = self._change_set.value_at(state, t)
-            if value is None or bool(value[0]) != item.is_negative or not self._of_type(item, value[1]):
+            if value is None or not self._matches(item, value):
                 continue
             violations = self.end(state, t)
             if violations:
@@ -136,14 +148,18 @@ class ObjectHandlers:
         self._change_set.take(state, t, EndCause.REMOVED)
         return self._settled_object(state, before)
 
-    def _of_type(self, item: Instance, type_name: str) -> bool:
-        domain = self._domain
-        if is_wildcard(item.instance_name) and domain is not None:
-            return domain.is_subtype(type_name, [item.instance_type])
+    def _matches(self, item: Instance, value: Value) -> bool:
+        """Whether an object is as a removal's item says: its sign, and its type if one is given."""
+        is_negative, type_name = value
+        if bool(is_negative) != item.is_negative:
+            return False
+        if is_wildcard(item.instance_name) and self._domain is not None:
+            return self._domain.is_subtype(type_name, [item.instance_type])
         return not item.instance_type or key(item.instance_type) == key(type_name)
 
 
-def _meeting(name: str, earlier: Lifespan, later: Lifespan) -> str:
+def meeting(name: str, earlier: Lifespan, later: Lifespan) -> str:
+    """The violation of an object that would change its type without an end in between."""
     return (
         f"{name} - {later.type_name} from {isoformat(later.start)} on: until then {name} exists with the type "
         f"{earlier.type_name}; an object changes its type only after an end strictly before"

@@ -62,10 +62,11 @@ class Resolver:
         state = self._change_set.find(Identity(Role.STATE, KnowledgeType.INSTANCE, key(name)))
         if state is None:
             return None
-        if t <= self._now:
+        if t == self._now:
             value = state.value
             return None if value is None or value[0] else str(value[1])
-        for lifespan in self._change_set.lifespans(state):
+        lifespans = self._change_set.lifespans(state) if t > self._now else self._change_set.past.existences(state)
+        for lifespan in lifespans:
             if lifespan.start <= t < lifespan.end:
                 return lifespan.type_name
         return None
@@ -86,7 +87,7 @@ class Resolver:
             if self.domain is not None:
                 type_name = self.type_at(argument, t)
                 if type_name is None:
-                    missing = "does not exist" + ("" if t <= self._now else f" at {isoformat(t)}")
+                    missing = "does not exist" + ("" if t == self._now else f" at {isoformat(t)}")
                     advice = f"add it first, as: {argument} - {allowed[0]}"
                     yield f"{atom}: {argument} {missing}; {_expected(allowed)}; {advice}"
                 elif key(type_name) not in self.domain.subtypes(allowed):

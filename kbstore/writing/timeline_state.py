@@ -1,16 +1,40 @@
 """One timeline in a transaction."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 
+from kbstore.clock import OPEN
 from kbstore.messages import KnowledgeType
 from kbstore.model.timelines import EndCause, Timeline, Value, number_at
-from kbstore.storage.records import StoredAssertion
+from kbstore.storage.records import KnownAssertion, StoredAssertion
+from kbstore.writing.pieces import Piece
+
+
+@dataclass
+class KnownPast:
+    """What is known of a timeline before now, as far as it has been read.
+
+    Attributes:
+        pieces: what it comes to, in order of time; what holds now is among them up to now.
+        rows: the stored rows, and one that begins now.
+        since: from when on it has been read.
+        is_edited: whether late knowledge has changed it.
+        begun_now: what begins now by late knowledge, also where the same held before.
+        is_ended_now: whether what had held until now was ended.
+    """
+
+    pieces: tuple[Piece, ...] = ()
+    rows: list[KnownAssertion] = field(default_factory=list)
+    since: int = OPEN
+    is_edited: bool = False
+    begun_now: Value | None = None
+    is_ended_now: bool = False
 
 
 class TimelineState:
     """What is stored of a timeline from now on, and what the transaction makes of it."""
 
-    __slots__ = ("ahead", "cause", "derived", "latest", "stored_ahead", "stored_derived", "timeline", "value")
+    __slots__ = ("ahead", "cause", "derived", "latest", "past", "stored_ahead", "stored_derived", "timeline", "value")
 
     def __init__(self, timeline: Timeline, rows: Sequence[StoredAssertion], now: int) -> None:
         self.timeline = timeline
@@ -37,16 +61,34 @@ class TimelineState:
         """What follows for later times from what is scheduled and runs; None where nothing holds from then on."""
         self.cause = EndCause.REPLACED
         """Why what held at first was ended."""
+        self.past: KnownPast | None = None
+        """What is known of the time before now, where that has been read."""
 
     def base(self, now: int) -> StoredAssertion | None:
         """The stored row that holds at now."""
         latest = self.latest
         return latest if latest is not None and latest.end_time > now else None
 
-    def copy(self) -> tuple[Value | None, dict[int, Value], EndCause]:
-        """What `restore` takes back."""
-        return self.value, self.ahead.copy(), self.cause
+    def is_ended_now(self, now: int) -> bool:
+        """Whether the transaction has ended what had held until now."""
+        noted = self.past is not None and self.past.is_ended_now
+        return self.value is None and (noted or self.base(now) is not None)
 
-    def restore(self, copy: tuple[Value | None, dict[int, Value], EndCause]) -> None:
+    @property
+    def is_edited(self) -> bool:
+        """Whether late knowledge has changed what is known of the past."""
+        return self.past is not None and self.past.is_edited
+
+    def copy(self) -> "Copy":
+        """What `restore` takes back."""
+        past = self.past
+        # what has only been read can be read again
+        kept = replace(past, rows=list(past.rows)) if past is not None and past.is_edited else None
+        return self.value, self.ahead.copy(), self.cause, kept
+
+    def restore(self, copy: "Copy") -> None:
         """Take back what was done since the copy."""
-        self.value, self.ahead, self.cause = copy
+        self.value, self.ahead, self.cause, self.past = copy
+
+
+Copy = tuple[Value | None, dict[int, Value], EndCause, KnownPast | None]

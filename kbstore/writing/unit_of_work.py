@@ -8,7 +8,7 @@ from hashlib import sha256
 from types import TracebackType
 from typing import Self, TypeVar
 
-from kbstore.clock import DurationLike, TimeLike, time
+from kbstore.clock import DurationLike, TimeLike, isoformat, time
 from kbstore.errors import Conflict, InvalidKnowledge, KbStoreError
 from kbstore.interop.up_loading import PlanningProblem, sources
 from kbstore.messages import KnowledgeType, UpdateType
@@ -30,7 +30,9 @@ from kbstore.storage.repository import Repository
 from kbstore.writing.action_executor import ActionExecutor, applicability
 from kbstore.writing.change_set import ChangeSet
 from kbstore.writing.compatibility import violations
+from kbstore.writing.flush import Flush
 from kbstore.writing.handlers import Handlers
+from kbstore.writing.late_handlers import LateHandlers, Version, late_span
 from kbstore.writing.resolution import Violations
 from kbstore.writing.updates import Batch, Item, Step, closed_world_violations, goals_in, items_in, problem_batch
 from kbstore.writing.working_state import WorkingState
@@ -142,7 +144,7 @@ class OpenTransaction:
         if self._reader.use_unknowns:
             self._handlers.end_uncertain()
         self._working.follow_rates(self._symbols.domain)
-        writes = self._change_set.finish()
+        writes = Flush(self._change_set, self._repository).rows()
         self._executor.write(writes)
         domain = self._symbols.domain
         if domain is not None and domain is not self._domain:
@@ -196,30 +198,66 @@ class OpenTransaction:
 
     # -- updates ----------------------------------------------------------------------------------------------
 
-    def add(self, *items: Knowledge, initial_time: TimeLike | None = None) -> None:
-        """Add knowledge to the state; `initial_time` counts for items without one of their own."""
-        self._update(Role.STATE, items_in, self._open_handlers().add, items, initial_time)
+    def add(
+        self,
+        *items: Knowledge,
+        initial_time: TimeLike | None = None,
+        since: TimeLike | None = None,
+        until: TimeLike | None = None,
+    ) -> None:
+        """Add knowledge to the state; `initial_time` counts for items without one of their own.
 
-    def remove(self, *items: Knowledge, initial_time: TimeLike | None = None) -> None:
-        """Remove what holds and matches; with a time after now, cancel what is scheduled for it."""
-        self._update(Role.STATE, items_in, self._open_handlers().remove, items, initial_time)
+        With `since`, a time that has passed, it is late knowledge (rule L1); with `until` it holds until then.
+        """
+        handlers, symbols = self._handlers_since(since, until)
+        self._update(Role.STATE, items_in, handlers.add, items, initial_time, symbols)
 
-    def add_goal(self, *goals: Knowledge, initial_time: TimeLike | None = None) -> None:
+    def remove(
+        self,
+        *items: Knowledge,
+        initial_time: TimeLike | None = None,
+        since: TimeLike | None = None,
+        until: TimeLike | None = None,
+    ) -> None:
+        """Remove what holds and matches; with a time after now, cancel what is scheduled for it.
+
+        With `since`, remove what matched at that time, or with `until` between the two (rule L3).
+        """
+        handlers, symbols = self._handlers_since(since, until)
+        self._update(Role.STATE, items_in, handlers.remove, items, initial_time, symbols)
+
+    def add_goal(
+        self,
+        *goals: Knowledge,
+        initial_time: TimeLike | None = None,
+        since: TimeLike | None = None,
+        until: TimeLike | None = None,
+    ) -> None:
         """Add to the goal; a conjunction is split into its parts."""
-        self._update(Role.GOAL, goals_in, self._open_handlers().add_goal, goals, initial_time)
+        handlers, symbols = self._handlers_since(since, until)
+        self._update(Role.GOAL, goals_in, handlers.add_goal, goals, initial_time, symbols)
 
-    def remove_goal(self, *goals: Knowledge, initial_time: TimeLike | None = None) -> None:
+    def remove_goal(
+        self,
+        *goals: Knowledge,
+        initial_time: TimeLike | None = None,
+        since: TimeLike | None = None,
+        until: TimeLike | None = None,
+    ) -> None:
         """Remove from the goal."""
-        self._update(Role.GOAL, goals_in, self._open_handlers().remove_goal, goals, initial_time)
+        handlers, symbols = self._handlers_since(since, until)
+        self._update(Role.GOAL, goals_in, handlers.remove_goal, goals, initial_time, symbols)
 
     def add_metric(self, *metrics: Knowledge, initial_time: TimeLike | None = None) -> None:
         """Set the metric."""
-        self._update(Role.STATE, items_in, self._open_handlers().add_metric, metrics, initial_time)
+        self._update(Role.STATE, items_in, self._open_handlers().add_metric, metrics, initial_time, self._symbols)
 
     def remove_metric(self, *metrics: Knowledge, initial_time: TimeLike | None = None) -> None:
         """Remove the metric; if one is given, only if it is that one."""
         if metrics:
-            self._update(Role.STATE, items_in, self._open_handlers().remove_metric, metrics, initial_time)
+            self._update(
+                Role.STATE, items_in, self._open_handlers().remove_metric, metrics, initial_time, self._symbols
+            )
             return
         handlers, t = self._open_handlers(), max(_time(initial_time, self.now), self.now)
         self._apply([lambda: handlers.remove_metric(None, t)])
@@ -231,24 +269,57 @@ class OpenTransaction:
         handler: Callable[[Item, int], Violations],
         given: Iterable[Knowledge],
         initial_time: TimeLike | None,
+        symbols: SymbolTable,
     ) -> None:
         """Read everything that is given, and let a handler take it, all or nothing."""
         batch = Batch(self.now, _time(initial_time, self.now))
         with gc_paused():
             for knowledge in given:
-                batch.read(role, read, handler, knowledge, self._symbols)
+                batch.read(role, read, handler, knowledge, symbols)
             self._apply_batch(batch)
 
     def update(
-        self, updates: Iterable[tuple[UpdateType | int, Knowledge]], *, initial_time: TimeLike | None = None
+        self,
+        updates: Iterable[tuple[UpdateType | int, Knowledge]],
+        *,
+        initial_time: TimeLike | None = None,
+        since: TimeLike | None = None,
+        until: TimeLike | None = None,
     ) -> None:
         """Do several updates, in order, all or none."""
-        handlers = self._open_handlers()
+        handlers, symbols = self._handlers_since(since, until)
         batch = Batch(self.now, _time(initial_time, self.now))
         with gc_paused():
             for update in updates:
-                batch.read_update(update, handlers, self._symbols)
+                batch.read_update(update, handlers, symbols)
             self._apply_batch(batch)
+
+    def _handlers_since(
+        self, since: TimeLike | None, until: TimeLike | None
+    ) -> tuple[Handlers | LateHandlers, SymbolTable]:
+        """The handlers for what holds since a time, or from now on, and the symbols known then (rule L1)."""
+        handlers = self._open_handlers()
+        span = late_span(since, until, self.now)
+        if span is None:
+            return handlers, self._symbols
+        head = self._head
+        if span[0] < head.history_from:
+            raise self._reader.resolver.archived(f"what has held since {isoformat(span[0])}", head)
+        versions = self._versions()
+        late = LateHandlers(self._change_set, self._repository, versions, self._executor.abort_with, *span)
+        return late, next(symbols for start, symbols in reversed(versions) if start <= span[0])
+
+    def _versions(self) -> list[Version]:
+        """The versions of the domain, each with the time from which on it is in force."""
+        if not self._validate:
+            return [(0, SymbolTable(None, {}))]
+        domains = self._reader.domains
+        known = domains.all(self._repository, self._head)
+        undeclared = domains.inferred(self._repository) if known else self._symbols
+        versions = [(0, undeclared), *((version.time, SymbolTable(version.domain)) for version in known)]
+        if self._symbols.domain is not self._domain:
+            versions.append((self.now, self._symbols))
+        return versions
 
     def _apply_batch(self, batch: Batch) -> None:
         for role, items in batch.items.items():

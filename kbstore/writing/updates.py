@@ -24,6 +24,7 @@ from kbstore.pddl.parse import condition_of, goals_of
 from kbstore.pddl.problem_reader import Problem
 from kbstore.reading.questions import Knowledge, Question, as_condition, as_item, decoded
 from kbstore.writing.handlers import Handlers
+from kbstore.writing.late_handlers import LateHandlers
 from kbstore.writing.resolution import Violations
 
 Step = Callable[[], Violations]
@@ -76,7 +77,7 @@ class Batch:
             return
         self.add(role, items, handler)
 
-    def read_update(self, update: object, handlers: Handlers, symbols: SymbolTable) -> None:
+    def read_update(self, update: object, handlers: Handlers | LateHandlers, symbols: SymbolTable) -> None:
         """The same for a pair of an `UpdateType` and what it tells."""
         try:
             kind, given = _kind_and_knowledge(update)

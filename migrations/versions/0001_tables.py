@@ -107,6 +107,14 @@ def create_knowledge_bases() -> None:
         knowledge_base_of("transactions"),
         sqlite_with_rowid=False,
     )
+    late = sa.text("late_from IS NOT NULL")
+    op.create_index(
+        "ix_transactions_late",
+        "transactions",
+        ["kb_id", "number", "late_from"],
+        sqlite_where=late,
+        postgresql_where=late,
+    )
     op.create_table(
         "domains",
         sa.Column("kb_id", sa.Integer, nullable=False),

@@ -1,6 +1,7 @@
 """Late knowledge in a transaction: what is known of the past is edited (rules L1 to L8)."""
 
 from collections.abc import Callable, Iterator
+from copy import deepcopy
 from dataclasses import dataclass, replace
 
 from tests.oracle.draft import Draft
@@ -54,6 +55,8 @@ class Corrections(Draft):
             return f"since {since} is not before now"
         if until is not None and not since < until <= self.now:
             return f"until {until} is not between {since} and now"
+        if since == self.now:
+            return ""
         if at > self.now:
             return f"an item for {at}"
         if isinstance(update.item, Metric) or (
@@ -81,10 +84,12 @@ class Corrections(Draft):
     def _lose_late(self, name: str, lost: Spans) -> None:
         """An object did not exist in these spans: nothing speaks of it there (rule L5)."""
         for first, last in lost:
-            lines = {*self.past, *self.standing}
-            for line in [line for line in lines if any(name in piece.item.mentions for piece in self.known(line))]:
-                if any(first < piece.end and piece.start < last for piece in self.known(line)):
-                    self._blank(line, first, last, "object")
+            for line in {*self.past, *self.standing}:
+                mentioning = [piece for piece in self.known(line) if name in piece.item.mentions]
+                others = [piece for piece in self.known(line) if piece not in mentioning]
+                left = cut(mentioning, first, last, "object", self.world.value)
+                if left != mentioning:
+                    self._edit(line, [*others, *left], "object")
             next_start = min((start for start, _ in self.lifetimes(name) if start > first), default=FOREVER)
             for line, at in [key for key, item in self.pending.items() if name in item.mentions]:
                 if first <= at < next_start:
@@ -175,7 +180,7 @@ class Corrections(Draft):
         self.domain = latest
         return found
 
-    def finish_edited(self, line: Timeline, number: int) -> bool:
+    def finish_edited(self, line: Timeline, number: int, expected: dict[int, Told]) -> bool:
         """Record what is known of a timeline now; what is not as it was stays on record, superseded (rule L8)."""
         pieces = {piece.start: piece for piece in self.known(line)}
         now_replaced = "replaced" if self.now in pieces else self.causes.get(line, "removed")
@@ -194,6 +199,8 @@ class Corrections(Draft):
                 if told.start < self.now:
                     recorded[told.start] = told
             else:
+                as_expected = expected[id(told)]
+                told.end, told.ended_by = as_expected.end, as_expected.ended_by
                 told.superseded_by = number
         for start, piece in pieces.items():
             if start not in recorded:
@@ -215,3 +222,11 @@ class Corrections(Draft):
         told = Told(line, item, start, number)
         self.world.told.append(told)
         return told
+
+
+def expected_ends(world: World) -> dict[int, Told]:
+    """Each assertion as it would be if nothing more were told, by the identity of the one in the world."""
+    later = deepcopy(world)
+    later.expecting = True
+    later.advance(FOREVER)
+    return {id(told): as_expected for told, as_expected in zip(world.told, later.told, strict=True)}

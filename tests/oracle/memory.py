@@ -147,7 +147,7 @@ class Reference:
                 frozenset(
                     (told.item, told.start)
                     for told in world.told
-                    if told.ended_by == event.number and told.end == event.time and told.recorded <= event.number
+                    if told.ended_by == event.number and told.end == event.time and told.recorded < event.number
                 ),
                 frozenset((told.item, told.start) for told in world.told if told.cancelled_by == event.number),
                 frozenset((told.item, told.start) for told in world.told if told.superseded_by == event.number),
@@ -210,9 +210,11 @@ class Reference:
         if stands:
             assert isinstance(stands[0].item, Fact)
             return ("asserted" if stands[0].item.positive else "explicitly false"), stands[0].first_told
-        ended = [told for told in world.told if told.timeline == line and told.end is not None and told.end <= at]
+        lines = [told for told in world.told if told.timeline == line]
+        ended = [told for told in lines if not told.superseded_by and told.end is not None and told.end <= at]
+        superseded = [told.superseded_by for told in lines if told.superseded_by and told.start <= at]
         if not ended:
-            return "never told", None
+            return ("removed", max(superseded)) if superseded else ("never told", None)
         last = max(ended, key=lambda told: (told.end or 0, told.start, told.recorded))
         return ("expired with its instance" if last.end_cause == "object" else "removed"), last.ended_by
 

@@ -3,7 +3,7 @@
 import math
 from dataclasses import replace
 
-from tests.oracle.corrections import Corrections, Refused, Update
+from tests.oracle.corrections import Corrections, Refused, Update, expected_ends
 from tests.oracle.items import (
     SECOND,
     Comparison,
@@ -295,7 +295,8 @@ class Overlay(Corrections):
         Another domain counts as one more, and so does what runs.
         """
         world = self.world
-        changed = {line for line in self.edited if self.finish_edited(line, number)}
+        expected = expected_ends(world) if self.edited else {}
+        changed = {line for line in self.edited if self.finish_edited(line, number, expected)}
         for line in dict.fromkeys([*world.standing, *self.standing]):
             before, after = world.standing.get(line), self.standing.get(line)
             if before and after and world.same(before.item, before.start, *after, self.now):

@@ -35,6 +35,9 @@ MOST_LEVELS = 15
 LONGEST = 500
 LONG = {
     "kbstore/knowledge_base.py": "the public interface of a knowledge base: one short method for each question",
+    "kbstore/storage/assertion_queries.py": "every statement about assertions, to be reviewed at one sitting",
+    "kbstore/storage/repository.py": "all that is asked of the store: one short method for each question",
+    "kbstore/writing/unit_of_work.py": "the public interface of a transaction: one short method for each update",
 }
 """Modules of more lines, each with why it is not split."""
 

@@ -281,7 +281,7 @@ class Agreement(RuleBasedStateMachine):
         items = [None if update.item is None else translation.sent(update.item) for update in updates]
         if how == "one":
             (update,) = updates
-            return getattr(self.kb, update.what)(items[0], initial_time=update.at)
+            return _tell(self.kb, update, items[0])
         timed = [
             item if isinstance(item, str) or not update.at else item.model_copy(update={"initial_time": update.at})
             for item, update in zip(items, updates, strict=True)
@@ -293,7 +293,7 @@ class Agreement(RuleBasedStateMachine):
                 if update.what == "clear":
                     tx.clear()
                 else:
-                    getattr(tx, update.what)(item, initial_time=update.at)
+                    _tell(tx, update, item)
                 self._compare_own_writes(tx, updates[:done])
         return tx.result
 
@@ -379,6 +379,14 @@ class Agreement(RuleBasedStateMachine):
         world = self.reference.world()
         world.advance(2**63 - 1)
         return sorted(world.told, key=lambda told: (told.start, told.recorded))
+
+
+def _tell(teller, update, item):
+    """Make an update by the method of a knowledge base or of a transaction."""
+    if update.since is None and update.until is None:
+        return getattr(teller, update.what)(item, initial_time=update.at)
+    method = getattr(teller, update.what.removesuffix("_metric"))
+    return method(item, initial_time=update.at, since=update.since, until=update.until)
 
 
 def test_the_store_and_the_reference_agree(open_kb, store_url):

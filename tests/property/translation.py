@@ -130,7 +130,7 @@ def row(assertion):
         assertion.recorded.number,
         assertion.ended.number if assertion.ended else None,
         assertion.cancelled.number if assertion.cancelled else None,
-        None,
+        assertion.superseded.number if assertion.superseded else None,
     )
 
 
@@ -140,7 +140,9 @@ def change(change) -> Change:
     def told(assertions):
         return frozenset((received(a.item), a.initial_time) for a in assertions)
 
-    return Change(change.number, told(change.asserted), told(change.ended), told(change.cancelled))
+    return Change(
+        change.number, told(change.asserted), told(change.ended), told(change.cancelled), told(change.superseded)
+    )
 
 
 def difference(diff) -> Difference:

@@ -119,8 +119,17 @@ again = st.tuples(st.sampled_from(["cancel", "cancel", "reschedule", "end", "rep
 steps = st.tuples(weighted((3, told), (1, again)), delays)
 """A step is what to do, and how far ahead; `again` points at something that is scheduled, or that stands."""
 
+late_told = weighted(
+    (2, st.tuples(st.just("add"), weighted((3, likely_objects), (1, objects), (1, ends)))),
+    (5, st.tuples(st.just("add"), facts)),
+    (3, st.tuples(st.just("add"), assignments)),
+    (2, st.tuples(st.just("remove"), removals)),
+    (1, st.tuples(st.just("add_goal"), goals)),
+    (1, st.tuples(st.just("remove_goal"), st.one_of(goals, goal_patterns))),
+    (1, told),
+)
 late_steps = st.tuples(
-    steps,
+    st.tuples(weighted((4, late_told), (1, again)), weighted((3, st.just(0)), (1, delays))),
     st.integers(0, 40),
     weighted((3, st.none()), (3, st.integers(1, 12))),
     weighted((12, st.none()), (1, st.sampled_from([(1, None), (0, 1), (-3, -3), (None, -2)]))),

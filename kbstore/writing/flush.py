@@ -1,0 +1,194 @@
+"""The flush of a transaction's change set to rows: what each timeline comes to, compared with what is stored.
+
+Ends that lie ahead are always derived: a row that no transaction ends at its own time ends at the earlier of the next
+assertion on its timeline and the end of the existence of any object that it mentions (rules V1, C6, C9). They are
+derived anew for everything that the transaction touched.
+"""
+
+from collections.abc import Sequence
+
+from kbstore.clock import OPEN
+from kbstore.messages import KnowledgeType
+from kbstore.model.timelines import EndCause, Identity, Role, Timeline, Value
+from kbstore.storage.records import LateAssertion, RowChanges, StoredAssertion
+from kbstore.storage.repository import Repository
+from kbstore.writing.change_set import ChangeSet
+from kbstore.writing.lifespans import Lifespan
+from kbstore.writing.timeline_state import TimelineState
+
+Line = list[tuple[int, Value | None, StoredAssertion | None, bool]]
+"""What holds now on a timeline, and from later times on: initial time, value, the stored row, whether it is derived."""
+
+
+class Flush:
+    """Compares the timelines that a transaction touched with what is stored of them."""
+
+    def __init__(self, change_set: ChangeSet, repository: Repository) -> None:
+        self._set = change_set
+        self._now = change_set.now
+        self._repository = repository
+        self._objects = change_set.group(Role.STATE, KnowledgeType.INSTANCE)
+        self._writes = RowChanges()
+
+    def rows(self) -> RowChanges:
+        """Compare with what is stored: what the transaction has to write."""
+        writes = self._writes
+        if self._set.objects_changed:
+            for track in list(self._objects.values()):
+                if _ends(self._set.lifespans(track)) != _ends(self._set.stored_lifespans(track)):
+                    self._set.mentioning(track)
+        # objects on which nothing is scheduled end nothing ahead
+        ends = {track.timeline.key: _ends(self._set.lifespans(track)) for track in self._all_scheduled_objects()}
+        for track in list(self._set.states()):
+            self._finish_track(track, ends)
+        self._note_new()
+        if writes.late or writes.supersedes:
+            writes.late_from = self._set.past.late_from
+        return writes
+
+    def _note_new(self) -> None:
+        """The timelines that are new, and which objects they mention."""
+        writes = self._writes
+        new: dict[Timeline, None] = {}
+        objects = self._objects
+        added = [(timeline, value) for rows in writes.adds.values() for timeline, _, _, value in rows]
+        added += [(late.timeline, late.value) for rows in writes.late.values() for late in rows]
+        for timeline, value in added:
+            if not timeline.id:
+                new[timeline] = None
+            elif timeline.kind is not KnowledgeType.EXPRESSION:
+                continue
+            for name in self._set.mentions(timeline, value):
+                known = objects.get(name)
+                if known is None:
+                    known = self._set.state(Identity(Role.STATE, KnowledgeType.INSTANCE, name), name)
+                about = known.timeline
+                if not about.id:
+                    new[about] = None
+                writes.mentions.append((about, timeline))
+        writes.timelines = list(new)
+
+    def _all_scheduled_objects(self) -> list[TimelineState]:
+        stored = self._set.loaded(self._repository.timelines_of(self._repository.scheduled_objects(self._now)))
+        objects = self._objects.values()
+        return list(dict.fromkeys((*stored, *(track for track in objects if track.ahead))))
+
+    def _finish_track(self, track: TimelineState, ends: dict[str, list[int]]) -> None:
+        writes = self._writes
+        if track.is_edited:
+            line, changed = self._edited(track)
+        elif track.base(self._now) is None and track.value is None and not track.ahead and not track.stored_ahead:
+            # what is derived follows from one of these
+            return
+        else:
+            line, changed = self._standing(track)
+        changed |= self._schedule(track, line)
+        kind = track.timeline.kind
+        for index, (start, entry, stored, is_derived) in enumerate(line):
+            if entry is None:
+                if stored is not None:
+                    writes.underived.append(stored)
+                continue
+            end = line[index + 1][0] if index + 1 < len(line) else OPEN
+            if ends:
+                for name in self._set.mentions(track.timeline, entry):
+                    end = min(end, min((t for t in ends.get(name, ()) if t > start), default=OPEN))
+            if is_derived:
+                if stored is not None and (stored.value != entry or stored.end_time != end):
+                    writes.underived.append(stored)
+                    stored = None  # noqa: PLW2901 - it is derived anew
+                if stored is None:
+                    writes.derived.append((track.timeline, start, end, entry))
+            elif stored is None:
+                changed = True
+                if start < self._now:
+                    told = self._set.past.pieces(track)[-1].told
+                    writes.late[kind].append(LateAssertion(track.timeline, start, end, entry, told, None))
+                else:
+                    writes.adds[kind].append((track.timeline, start, end, entry))
+            elif stored.end_time != end:
+                writes.settles[kind].append((stored, end))
+        writes.changes += changed
+
+    def _standing(self, track: TimelineState) -> tuple[Line, bool]:
+        """What holds now on a timeline, and whether that has changed."""
+        writes = self._writes
+        base = track.base(self._now)
+        if base is not None and track.value == self._set.value_now(track, base):
+            return [(base.initial_time, base.value, base, False)], False
+        if base is not None:
+            cause = track.cause if track.value is None else EndCause.REPLACED
+            writes.ends[track.timeline.kind].append((base, cause))
+        return ([] if track.value is None else [(self._now, track.value, None, False)]), base is not None
+
+    def _schedule(self, track: TimelineState, line: Line) -> bool:
+        """Put into a line what is scheduled and what is derived; whether something is cancelled."""
+        writes = self._writes
+        kind = track.timeline.kind
+        for t in sorted({**track.derived, **track.ahead}):
+            if t not in track.ahead:
+                line.append((t, track.derived[t], track.stored_derived.get(t), True))
+                continue
+            stored = track.stored_ahead.get(t)
+            value = track.ahead[t]
+            if stored is not None and _same_but_rate(kind, stored.value, value):
+                line.append((t, value, stored, False))
+                if stored.value != value:
+                    writes.rates.append((stored, value[3]))
+            else:
+                line.append((t, value, None, False))
+        cancelled = [
+            stored
+            for t, stored in track.stored_ahead.items()
+            if t not in track.ahead or not _same_but_rate(kind, stored.value, track.ahead[t])
+        ]
+        if cancelled:
+            writes.cancels[kind] += cancelled
+        writes.underived += [row for t, row in track.stored_derived.items() if t not in track.derived]
+        return bool(cancelled)
+
+    def _edited(self, track: TimelineState) -> tuple[Line, bool]:
+        """The same where late knowledge has changed what is known of the past (rule L8)."""
+        writes = self._writes
+        kind = track.timeline.kind
+        assert track.past is not None
+        pieces = {piece.start: piece for piece in self._set.past.pieces(track)}
+        is_ended_now = track.is_ended_now(self._now)
+        kept: dict[int, StoredAssertion] = {}
+        changed = False
+        for row in track.past.rows:
+            stored, start = row.stored, row.stored.initial_time
+            piece = pieces.get(start)
+            end = piece.end if piece is not None and piece.value == stored.value else None
+            if end == (OPEN if stored.end_time > self._now else stored.end_time):
+                kept[start] = stored
+                continue
+            changed = True
+            if stored.end_time > self._now and self._now in (start, end):
+                writes.ends[kind].append((stored, track.cause if track.value is None else EndCause.REPLACED))
+                if start < self._now:
+                    kept[start] = stored
+            else:
+                writes.supersedes[kind].append(stored)
+        line: Line = []
+        for start, piece in pieces.items():
+            if piece.end == OPEN:
+                line.append((start, piece.value, kept.get(start), False))
+            elif start not in kept:
+                changed = True
+                ended = None if piece.end in pieces else piece.ended
+                if piece.end == self._now and ended is None and is_ended_now:
+                    ended = (None, track.cause)
+                writes.late[kind].append(
+                    LateAssertion(track.timeline, start, piece.end, piece.value, piece.told, ended)
+                )
+        return line, changed
+
+
+def _ends(existences: Sequence[Lifespan]) -> list[int]:
+    return [lifespan.end for lifespan in existences if lifespan.end != OPEN]
+
+
+def _same_but_rate(kind: KnowledgeType, stored: Value, value: Value) -> bool:
+    """Whether a scheduled value is the stored one; a function's rate besides its own is derived."""
+    return stored[:3] == value[:3] if kind is KnowledgeType.FUNCTION else stored == value

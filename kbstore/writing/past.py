@@ -1,0 +1,220 @@
+"""What a transaction knows of the past of timelines, and how late knowledge changes it (rules L2 to L6)."""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from kbstore.clock import OPEN
+from kbstore.messages import KnowledgeType
+from kbstore.model.timelines import EndCause, Value
+from kbstore.storage.records import KnownAssertion
+from kbstore.storage.repository import Repository
+from kbstore.writing.lifespans import Lifespan, joined, lost_time
+from kbstore.writing.pieces import Ended, Piece, cut, next_change, numbers_in
+from kbstore.writing.timeline_state import KnownPast, TimelineState
+
+if TYPE_CHECKING:
+    from kbstore.writing.change_set import ChangeSet
+
+
+class Past:
+    """The past of the timelines of one change set, read as far as it is needed."""
+
+    def __init__(self, change_set: "ChangeSet", repository: Repository) -> None:
+        self._change_set = change_set
+        self._repository = repository
+        self._now = change_set.now
+        self.late_from = OPEN
+        """The earliest time about which something was changed."""
+
+    # -- what is known ----------------------------------------------------------------------------------------
+
+    def load(self, states: Iterable[TimelineState], since: int) -> None:
+        """Read what is known of timelines from a time on."""
+        for state in states:
+            past = state.past = state.past or KnownPast()
+            if past.since <= since:
+                continue
+            rows = []
+            if state.timeline.id:
+                rows = self._repository.known_rows(state.timeline, since, min(self._now, past.since - 1))
+            past.since = since if not rows else min(since, rows[0].stored.initial_time)
+            past.rows = [*rows, *past.rows]
+            read = [_piece(row, self._now) for row in rows if row.stored.initial_time < self._now]
+            past.pieces = (*read, *past.pieces)
+
+    def known(self, state: TimelineState, since: int) -> list[Piece]:
+        """What is known of a timeline from a time on and up to now, in order; what holds now has no end."""
+        self.load([state], since)
+        return self.pieces(state)
+
+    def pieces(self, state: TimelineState) -> list[Piece]:
+        """The same from when on it has been read."""
+        assert state.past is not None
+        pieces = list(state.past.pieces)
+        if state.value is None:
+            return pieces
+        base = state.base(self._now)
+        began_now = (base is not None and base.initial_time == self._now) or state.value == state.past.begun_now
+        last = pieces[-1] if pieces and not began_now else None
+        if last is not None and last.end == self._now and last.value_at(state.timeline.kind, self._now) == state.value:
+            return [*pieces[:-1], last._replace(end=OPEN)]
+        return [*pieces, Piece(self._now, OPEN, state.value)]
+
+    def existences(self, state: TimelineState) -> list[Lifespan]:
+        """When the object of an INSTANCE timeline exists, from the first time to the last."""
+        pieces = [piece for piece in self.known(state, 0) if piece.start < self._now and not piece.value[0]]
+        past = [Lifespan(piece.start, min(piece.end, self._now), piece.value[1]) for piece in pieces]
+        return joined([*past, *self._change_set.lifespans(state)])
+
+    # -- changes ----------------------------------------------------------------------------------------------
+
+    def end_of(self, state: TimelineState, value: Value, since: int) -> int:
+        """Until when something holds that is told late and without an end (rule L2)."""
+        following = next_change(self.known(state, since), state.timeline.kind, since)
+        ends = [end for about in self._objects(state, value) for _, end, _ in self.existences(about) if end > since]
+        return min([following, *state.ahead, *ends])
+
+    def put(self, state: TimelineState, value: Value, since: int, until: int | None) -> None:
+        """Let a value hold since a time: until a time, or until whatever begins or ends next."""
+        kind = state.timeline.kind
+        end = self.end_of(state, value, since)
+        pieces = self.known(state, since)
+        if until is not None:
+            end = min(until, self._end_of_objects(state, value, since))
+        span = [piece for piece in pieces if piece.overlaps(since, end)]
+        late = [Piece(since, end, value)]
+        if kind is KnowledgeType.FUNCTION:
+            late = numbers_in(pieces, value, since, end)
+        if _is_known(kind, span, late, since, until):
+            return
+        if until is not None:
+            ended: Ended | None = (None, EndCause.REMOVED if end == until else EndCause.OBJECT)
+        else:
+            inherited = [piece.ended for piece in span if piece.end == end]
+            ended = inherited[0] if inherited else self._ended_object(state, value, end)
+        blank_until = until or end
+        left = [
+            part
+            for piece in pieces
+            for part in (
+                cut(piece, kind, since, blank_until, EndCause.REPLACED)
+                if piece.overlaps(since, blank_until)
+                else [piece]
+            )
+        ]
+        if end > self._now:
+            late[-1] = late[-1]._replace(end=OPEN)
+        else:
+            late[-1] = late[-1]._replace(ended=ended)
+        self._edit(state, [*left, *late], since, EndCause.REPLACED)
+
+    def blank(self, state: TimelineState, matches: Callable[[Value], bool], since: int, until: int | None) -> None:
+        """Let nothing hold where something does that matches: at a time and until the next change, or in a span."""
+        kind = state.timeline.kind
+        for piece in self.known(state, since):
+            if piece.overlaps(since, since + 1 if until is None else until) and matches(piece.value):
+                start = max(since, piece.start)
+                end = next_change(self.known(state, since), kind, start) if until is None else min(piece.end, until)
+                self._blank(state, lambda value: True, start, end, EndCause.REMOVED)
+
+    def lose(self, state: TimelineState, before: Sequence[Lifespan], on_removed: Callable[[str], None]) -> None:
+        """Let nothing hold that mentions an object where it does not exist any more (rule L5)."""
+        after = self.existences(state)
+        name = state.timeline.key
+        for start, end in lost_time(before, after):
+            following = min((lifespan.start for lifespan in after if lifespan.start > start), default=OPEN)
+            for about in self._change_set.mentioning(state):
+
+                def mentions(value: Value, about: TimelineState = about) -> bool:
+                    return name in self._change_set.mentions(about.timeline, value)
+
+                self._blank(about, mentions, start, end, EndCause.OBJECT)
+                for t in [t for t in about.ahead if start <= t < following and mentions(about.ahead[t])]:
+                    self._change_set.take(about, t, EndCause.OBJECT)
+            if start <= self._now < end:
+                on_removed(name)
+
+    def _blank(
+        self, state: TimelineState, matches: Callable[[Value], bool], start: int, end: int, cause: EndCause
+    ) -> None:
+        kind = state.timeline.kind
+        pieces = self.known(state, start)
+        left = [
+            part
+            for piece in pieces
+            for part in (
+                cut(piece, kind, start, end, cause) if piece.overlaps(start, end) and matches(piece.value) else [piece]
+            )
+        ]
+        if left != pieces:
+            self._edit(state, left, start, cause)
+
+    def _edit(self, state: TimelineState, pieces: Sequence[Piece], since: int, cause: EndCause) -> None:
+        """Let this be known of a timeline."""
+        self._change_set.touch(state)
+        self.late_from = min(self.late_from, since)
+        begun = sorted(piece for piece in pieces if piece.start <= self._now)
+        assert state.past is not None
+        past = [piece._replace(end=min(piece.end, self._now)) for piece in begun if piece.start < self._now]
+        # a new one: what was there before may be taken back
+        state.past = replace(state.past, pieces=tuple(past), is_edited=True, begun_now=None)
+        if begun and begun[-1].end > self._now:
+            state.value = begun[-1].value_at(state.timeline.kind, self._now)
+            if begun[-1].start == self._now:
+                state.past.begun_now = state.value
+        elif state.value is not None:
+            state.value = None
+            state.cause = cause
+
+    # -- objects -----------------------------------------------------------------------------------------------
+
+    def _objects(self, state: TimelineState, value: Value) -> list[TimelineState]:
+        names = self._change_set.mentions(state.timeline, value)
+        return [about for name in names if (about := self._change_set.object(name)) is not None]
+
+    def _end_of_objects(self, state: TimelineState, value: Value, since: int) -> int:
+        ends = [end for about in self._objects(state, value) for _, end, _ in self.existences(about) if end > since]
+        return min(ends, default=OPEN)
+
+    def _ended_object(self, state: TimelineState, value: Value, end: int) -> Ended | None:
+        """Who removed an object that a value mentions at a time; None where it ended by the clock."""
+        for about in self._objects(state, value):
+            for piece in self.known(about, 0):
+                if piece.end == end and piece.ended is not None:
+                    return piece.ended[0], EndCause.OBJECT
+            if end == self._now and about.is_ended_now(self._now):
+                return None, EndCause.OBJECT
+        return None
+
+    def exists_throughout(self, state: TimelineState, since: int, until: int) -> bool:
+        """Whether an object exists in all of a span."""
+        return _covers([(start, end) for start, end, _ in self.existences(state)], since, until)
+
+
+def _covers(spans: Sequence[tuple[int, int]], since: int, until: int) -> bool:
+    """Whether spans, which are in order, cover all of another."""
+    for start, end in spans:
+        if start <= since < end:
+            since = end
+    return since >= until
+
+
+def _is_known(kind: KnowledgeType, span: Sequence[Piece], late: Sequence[Piece], since: int, until: int | None) -> bool:
+    """Whether a value begins at a time anyway, or holds throughout a span (rule L8)."""
+    if until is None:
+        # of a number, whatever runs add to its rate
+        return bool(span) and span[0].start == since and span[0].value[:3] == late[0].value[:3]
+    return _covers([(piece.start, piece.end) for piece in span], since, until) and all(
+        piece.value_at(kind, t)[:3] == told.value_at(kind, t)[:3]
+        for piece in span
+        for told in late
+        if piece.overlaps(told.start, told.end)
+        for t in [max(piece.start, told.start)]
+    )
+
+
+def _piece(row: KnownAssertion, now: int) -> Piece:
+    stored = row.stored
+    ended = None if row.ended is None or row.cause is None else (row.ended, EndCause(row.cause))
+    return Piece(stored.initial_time, min(stored.end_time, now), stored.value, row.told, ended)
