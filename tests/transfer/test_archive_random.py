@@ -1,4 +1,4 @@
-"""Archives of random histories: with scheduled, cancelled and ended things, objects, goals, metric, domains and runs."""
+"""Archives of random histories: with scheduled, cancelled, ended things, objects, goals, metric, domains and runs."""
 
 import pytest
 
