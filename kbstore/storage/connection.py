@@ -1,7 +1,8 @@
 """One connection to a store: statements, transactions, and the driver's errors raised as `StoreUnavailable`.
 
 Statements run on the driver's own cursor: a look-up takes 2.6 us there, 44 us as SQLAlchemy's `exec_driver_sql` and
-73 us as a cached `select`, and a question about one fact is one look-up.
+73 us as a cached `select`, and a question about one fact is one look-up. Opening and migrations run through
+SQLAlchemy, and so does all else on an engine of the caller's at which somebody looks (`kbstore.storage.statement_events`).
 """
 
 import logging
@@ -95,8 +96,14 @@ class StoreConnection(ABC):
         self._has_written = False
         self._error = error
         self._text = text
+        self._executing: Any = driver
         self._execute = driver.execute
         self._cursor = driver.cursor
+
+    def execute_on(self, executing: Any) -> None:
+        """Execute statements by something else than the driver's connection, with the same methods."""
+        self._executing = executing
+        self._execute, self._cursor = executing.execute, executing.cursor
 
     # -- statements -------------------------------------------------------------------------------------------
 
@@ -214,7 +221,7 @@ class StoreConnection(ABC):
         self.in_transaction = False
         if self.is_lost:
             return
-        self._execute, self._cursor = self.driver.execute, self.driver.cursor
+        self._execute, self._cursor = self._executing.execute, self._executing.cursor
         try:
             if self._must_roll_back():
                 self._execute("ROLLBACK")

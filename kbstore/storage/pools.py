@@ -20,6 +20,7 @@ from kbstore.storage.engine import make_engine
 from kbstore.storage.postgresql_connection import PostgresqlConnection
 from kbstore.storage.server_engine import connect_timeout, pool_size
 from kbstore.storage.sqlite_connection import SqliteConnection
+from kbstore.storage.statement_events import ObservedDriver, is_observed
 
 
 class PooledConnections(Connections):
@@ -221,6 +222,8 @@ class LentConnections(PooledConnections):
             connection.handle = handle
             connection.lock = lock
             if connection.is_alive():
+                if is_observed(self.engine):
+                    connection.execute_on(ObservedDriver(handle))
                 break
             LOG.warning("%s: the connection was lost; connecting again", self._options.store)
             self._close(connection)

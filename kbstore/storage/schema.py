@@ -27,6 +27,7 @@ from kbstore.storage import tables
 from kbstore.storage.connection import LOG
 from kbstore.storage.driver_errors import sqlite_code
 from kbstore.storage.engine import make_engine, refuse_schema
+from kbstore.storage.statement_events import begin_quietly
 
 if TYPE_CHECKING:
     from alembic.config import Config
@@ -177,10 +178,7 @@ def connecting(engine: sa.Engine, *, existing: bool = False) -> Iterator[sa.Conn
         # a connection that has it already may be another one's, too (in memory), and is left as it is
         if not engine.dialect.detect_autocommit_setting(driver):
             connection.execution_options(isolation_level="AUTOCOMMIT")
-        # on an engine of the caller's a listener may begin one here, as SQLAlchemy's page on SQLite has it
-        connection.begin()
-        if engine.dialect.name == "sqlite" and driver.in_transaction:
-            driver.execute("ROLLBACK")
+        begin_quietly(connection)
         yield connection
 
 

@@ -148,6 +148,48 @@ def test_an_engine_of_the_callers_on_postgresql(postgresql_url):
     engine.dispose()
 
 
+@pytest.mark.parametrize("backend", ["file", "postgresql"])
+@pytest.mark.parametrize("listener", ["before_cursor_execute", "echo"])
+def test_who_looks_at_an_engine_sees_all_statements(backend, listener, path, request, caplog):
+    """An engine's listeners and its `echo` see what questions, changes and opening run; all answers are the same."""
+    url = f"sqlite:///{path}" if backend == "file" else request.getfixturevalue("postgresql_url")
+    engine = sa.create_engine(url)
+    seen = []
+    if listener == "echo":
+        caplog.set_level("INFO", logger="sqlalchemy.engine")
+    else:
+
+        @sa.event.listens_for(engine, listener)
+        def see(_connection, _cursor, statement, *_):
+            seen.append(statement)
+
+    with kbstore.open(engine, f"watched by {listener}") as kb:
+        kb.load("(define (domain d) (:types room) (:predicates (open ?r - room)) (:functions (n)))")
+        for number in range(8):
+            kb.add("hall - room", "(open hall)", f"(= (n) {number})")
+            kb.remove("(open hall)")
+            with pytest.raises(ZeroDivisionError), kb.transaction() as transaction:
+                transaction.add("(open hall)")
+                raise ZeroDivisionError
+        assert kb.value("(n)") == 7
+        assert not kb.holds("(open hall)")
+        assert len(kb.history("(open hall)")) == 8
+        assert [change.number for change in kb.changes()] == list(range(1, 18))
+        with kbstore.open(engine, kb.name, read_only=True) as reader:
+            assert reader.state().value("(n)") == 7
+    text = "\n".join(seen or [record.getMessage() for record in caplog.records])
+    for part in (
+        "kbstore_alembic_version",
+        "INSERT INTO facts",
+        "INSERT INTO transactions",
+        "FROM facts",
+        "FROM heads",
+    ):
+        assert part in text
+    assert engine.pool.checkedout() == 0
+    engine.dispose()
+
+
 def test_closing_one_knowledge_base_leaves_the_engine_to_others(path):
     """Two knowledge bases on one engine: closing the first does not concern the second."""
     engine = sa.create_engine(f"sqlite:///{path}")
