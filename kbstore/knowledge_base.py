@@ -755,7 +755,9 @@ class KnowledgeBase:
         with self.transaction(client=client, note=note) as tx:
             failing = tx.end(run).failing
         done = tx.result
-        return Ended(done.number, done.time, done.client, done.note, done.changes, failing, self.broken(run))
+        return Ended(
+            done.number, done.time, done.client, done.note, done.changes, failing, self._runs.broken(run, kept=True)
+        )
 
     def abort(self, run: Run, *, client: str = "", note: str = "") -> Transaction:
         """Abort a durative action: its continuous effects stop, and nothing else happens."""

@@ -45,33 +45,37 @@ class Runs:
                 if (row := _as_of(stored, believed)) is not None and (wanted is None or _matches(wanted, row))
             ]
 
-    def broken(self, run: Run) -> list[Broken]:
-        """Return the over-all conditions of a run that were not true, each with the spans in which they were not."""
+    def broken(self, run: Run, *, kept: bool = False) -> list[Broken]:
+        """Return the over-all conditions of a run that were not true, each with the spans in which they were not.
+
+        With `kept`, only within the history that has not been archived; otherwise all of it is needed (rule Q7).
+        """
         if not isinstance(run, Run):
             raise InvalidKnowledge(f"{run!r:.80} is not a run; give what start() returned, or one of kb.runs()")
         with self._reader.repository() as repository:
             row = repository.run(run.number)
             if row is None or row.started != run.started:
                 raise InvalidKnowledge(f"{run} is not a run of {self._reader.name}; give what start() returned")
-            return self._broken(repository, row)
+            return self._broken(repository, row, kept=kept)
 
     def beginning(self, repository: Repository, first: int, last: int) -> list[Broken]:
         """Return what breaks from a time in ``[first, last]`` on, in the order of these times."""
         found = [
             broken
             for row in repository.runs_between(first, last + 1)
-            for broken in self._broken(repository, row)
+            for broken in self._broken(repository, row, kept=True)
             if first <= broken.since <= last
         ]
         return sorted(found, key=lambda broken: broken.since)
 
     def _run(self, repository: Repository, row: RunRow) -> Run:
-        return as_run(row, tuple(self._broken(repository, row)))
+        return as_run(row, tuple(self._broken(repository, row, kept=True)))
 
-    def _broken(self, repository: Repository, row: RunRow) -> list[Broken]:
+    def _broken(self, repository: Repository, row: RunRow, *, kept: bool) -> list[Broken]:
         """Evaluate the over-all conditions over ``[started, ended)``, under the domain of each time (rule O6)."""
         now = self._reader.resolver.resolve(repository)
-        head, first, last = now.head, row.started, min(row.end_time, now.valid_time + 1)
+        head, last = now.head, min(row.end_time, now.valid_time + 1)
+        first = max(row.started, head.history_from) if kept else row.started
         pieces: dict[str, list[TruthPiece]] = {}
         if first < last:
             self._reader.resolver.refuse_archived(first, head)
@@ -80,7 +84,7 @@ class Runs:
             if domain is None or first >= last:
                 continue
             trajectory = _RunTrajectory(self._reader, repository, now, (start, end), domain)
-            trajectory.started, trajectory.unwritten = first, _unwritten(domain, row)
+            trajectory.started, trajectory.unwritten = row.started, _unwritten(domain, row)
             for condition in _invariants(domain, row):
                 try:
                     found = truths(condition, trajectory, duration=row.duration_s)

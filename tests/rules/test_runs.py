@@ -299,3 +299,24 @@ def test_runs_as_of_an_earlier_time(plant, clock):
     assert [r.outcome for r in plant.runs("go", as_of=START + seconds(2))] == ["ended", "running"]
     assert plant.runs(as_of=started) == [run]
     assert plant.runs(as_of=started)[0].ended_by is None
+
+
+def test_an_end_never_fails_by_what_has_been_archived(kb, clock, tmp_path):
+    """O6, Q7: `end` and `runs` answer with what broke in the history that is kept; `broken` needs all of it."""
+    kb.load(
+        "(define (domain shift) (:predicates (lit)) (:durative-action work :parameters ()"
+        " :duration (= ?duration 30) :condition (over all (lit)) :effect (at end (lit))))",
+        replace=True,
+    )
+    kb.add("(lit)")
+    run = kb.start("work")
+    for seconds_on, item in ((5, "(not (lit))"), (6, "(lit)"), (20, "(not (lit))"), (22, "(lit)")):
+        clock.set(run.started + seconds(seconds_on))
+        kb.add(item)
+    kb.archive(run.started + seconds(10), tmp_path / "old.db")
+    clock.set(run.started + seconds(30))
+    expected = [(run.started + seconds(20), run.started + seconds(22))]
+    assert [(broken.since, broken.until) for broken in kb.end(run).broken] == expected
+    assert [(broken.since, broken.until) for broken in kb.runs()[0].broken] == expected
+    with pytest.raises(kbstore.HistoryUnavailable):
+        kb.broken(run)
