@@ -2,7 +2,8 @@
 
 Statements run on the driver's own cursor: a look-up takes 2.6 us there, 44 us as SQLAlchemy's `exec_driver_sql` and
 73 us as a cached `select`, and a question about one fact is one look-up. Opening and migrations run through
-SQLAlchemy, and so does all else on an engine of the caller's at which somebody looks (`kbstore.storage.statement_events`).
+SQLAlchemy, and so does all else on an engine of the caller's at which somebody looks
+(`kbstore.storage.statement_events`).
 """
 
 import logging
