@@ -2,13 +2,21 @@ PYTHON ?= python3
 BIN := .venv/bin
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --editable
 
-.PHONY: demo test lint bench
+.PHONY: demo test test-browser lint bench
 
 demo: .venv/runtime
 	$(BIN)/python -m kbstore.demo
 
 test: .venv/dev
 	$(BIN)/python -m pytest -n auto
+
+# Chromium comes from the system's packages, which root can install; where it is not there, a line says so.
+test-browser: .venv/browser
+	@command -v chromium chromedriver >/dev/null || [ "$$(id -u)" != 0 ] || ! command -v apt-get >/dev/null || \
+	  { apt-get update -q && apt-get install -q -y --no-install-recommends chromium chromium-driver fonts-dejavu-core; }
+	@if command -v chromium >/dev/null && command -v chromedriver >/dev/null; then \
+	  KBSTORE_TEST_BROWSER=1 $(BIN)/python -m pytest tests/timeline/test_browser.py; \
+	else echo "The page of the timeline is not tested in a browser: install chromium and chromedriver."; fi
 
 lint: .venv/dev
 	$(BIN)/ruff check && $(BIN)/ruff format --check && $(BIN)/mypy
@@ -27,6 +35,10 @@ bench: .venv/bench
 .venv/dev: .venv/runtime
 	@echo "Installing what the tests need into .venv (about 400 MB more), once."
 	@$(INSTALL) '.[dev]'
+	@touch $@
+
+.venv/browser: .venv/dev
+	@$(INSTALL) '.[dev,browser]'
 	@touch $@
 
 .venv/bench: .venv/dev

@@ -9,6 +9,7 @@ import threading
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from copy import copy
+from pathlib import Path
 from time import monotonic
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Literal, Self, cast, overload
@@ -698,6 +699,42 @@ class KnowledgeBase:
     def _watched(self, watch: Watch[Found]) -> Watch[Found]:
         self._watches.add(watch)
         return watch
+
+    def timeline(
+        self,
+        path: str | os.PathLike[str] | None = None,
+        *,
+        patterns: Sequence[str] = (),
+        since: TimeLike | None = None,
+        until: TimeLike | None = None,
+        as_of: AsOf | None = None,
+    ) -> str:
+        """Draw the history as one self-contained page of HTML, and return its text.
+
+        The page shows what held when, what was scheduled, cancelled and expected, what ran, and at its cursor the
+        state; its slider shows what was believed after each transaction. It needs no network.
+
+        Args:
+            path: a file to write the page to; one that exists is replaced.
+            patterns: only the lanes that match one of these: ``"(robot_at kenny ?)"``, or a word, for whatever has
+                that predicate, function, operator or object.
+            since: the begin of the span; None: that of the history.
+            until: its end; None: the last time of which something is known, or now if that is not far behind it.
+            as_of: what was known then is shown first; None: what is known now.
+
+        Raises:
+            HistoryUnavailable: the begin of the history has been archived.
+        """
+        from kbstore.report.timeline.data import timeline_data
+        from kbstore.report.timeline.page import page
+
+        now = self.now()
+        first, last = (None if t is None else time(t, now) for t in (since, until))
+        believed = as_of if as_of is None or isinstance(as_of, Transaction) else time(as_of, now)
+        text = page(timeline_data(self, patterns, since=first, until=last, as_of=believed))
+        if path is not None:
+            Path(path).write_text(text, encoding="utf-8")
+        return text
 
     # -- operators --------------------------------------------------------------------------------------------
 

@@ -61,6 +61,7 @@ COMMANDS: list[tuple[typer.Typer, str | None, Commands]] = [
             "runs": act.runs,
             "diff": history.diff,
             "changes": history.changes,
+            "timeline": history.timeline,
         },
     ),
     (

@@ -1,8 +1,10 @@
-"""Questions over time: ``history``, ``when``, ``diff``, ``changes``."""
+"""Questions over time: ``history``, ``when``, ``diff``, ``changes``, ``timeline``."""
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
+from rich.text import Text
 
 from kbstore.cli import completion
 from kbstore.cli.options import TIMES, AsOf, Condition, Json, Kb, Now, Since, Until, Url, asked, at_time, belief
@@ -11,8 +13,11 @@ from kbstore.cli.times import parse_time
 from kbstore.knowledge_base import KnowledgeBase
 from kbstore.model.plain import each
 from kbstore.report import records
-from kbstore.report.tables import show
+from kbstore.report.tables import plural, printable, show
 from kbstore.report.time_format import TimeFormat
+from kbstore.report.timeline.data import timeline_data
+from kbstore.report.timeline.page import page
+from kbstore.report.timeline.text import TextTimeline
 
 
 def history(
@@ -130,6 +135,49 @@ def changes(
                 json_line(change)
             else:
                 show(console(), records.change_view(change, moments))
+
+
+def timeline(
+    about: Annotated[
+        list[str] | None,
+        typer.Argument(
+            help="A page to write (FILE.html), and patterns: (robot_at kenny ?), or a word like battery or kenny.",
+            metavar="[FILE.html] [PATTERN]...",
+            show_default=False,
+            autocompletion=completion.patterns,
+        ),
+    ] = None,
+    since: Since = None,
+    until: Until = None,
+    as_of: AsOf = None,
+    url: Url = None,
+    kb: Kb = None,
+    now: Now = None,
+    as_json: Json = False,
+) -> None:
+    """Draw the history: as a page for a browser, or as lanes of text within the width of the terminal.
+
+    The page shows facts, numbers, actions and goals over time, and has a slider for what was believed. It is one
+    file, which needs no network.
+
+    Examples:
+        kbstore timeline kenny.html
+        kbstore timeline robot_at "(open ?)" battery
+        kbstore timeline kenny.html kenny --since -1h --as-of -5m
+    """
+    patterns = list(about or ())
+    file = patterns.pop(0) if patterns and patterns[0].lower().endswith((".html", ".htm")) else None
+    with asked(url, kb, now) as found:
+        first, last = at_time(since, found), at_time(until, found)
+        data = timeline_data(found, patterns, since=first, until=last, as_of=belief(as_of, found))
+        if file is None:
+            answer(data, as_json=as_json, view=lambda: TextTimeline(data))
+            return
+        path = Path(file).resolve()
+        path.write_text(page(data), encoding="utf-8")
+        written = {"file": str(path), "lanes": len(data["lanes"]), "transactions": len(data["transactions"])}
+        text = f"{printable(str(path))} shows {plural(len(data['lanes']), 'lane')}; open it in a browser"
+        answer(written, as_json=as_json, view=lambda: Text(text))
 
 
 def _beginning(since: str | None, kb: KnowledgeBase) -> int:

@@ -139,7 +139,9 @@ def present(kb: KnowledgeBase, file: Path, console: Console) -> None:
         show(console, Padding(answer.shown, (1, 0, 0, 2)))
     console.print()
     heading("Explore the file yourself", console)
-    closing_words(file, console)
+    page = page_beside(file)
+    kb.timeline(page)
+    closing_words(file, page, console)
 
 
 def heading(text: str, console: Console) -> None:
@@ -147,8 +149,8 @@ def heading(text: str, console: Console) -> None:
     show(console, Rule(style=DIM), Text(text, TITLE))
 
 
-def closing_words(file: Path, console: Console) -> None:
-    """Show where the file is, a statement to try in SQL with its answer, and commands to try."""
+def closing_words(file: Path, page: Path, console: Console) -> None:
+    """Show where the file and its page are, a statement to try in SQL with its answer, and commands to try."""
     command = Path(sys.executable).with_name("kbstore")
     if command.is_relative_to(Path.cwd()):
         command = command.relative_to(Path.cwd())
@@ -158,6 +160,8 @@ def closing_words(file: Path, console: Console) -> None:
         headings = [column[0] for column in cursor.description]
         rows = [tuple(str(cell or "") for cell in row) for row in cursor]
     console.print(Text(f"{file}\n", TITLE), soft_wrap=True)
+    console.print("The morning as a picture, to be opened in a browser:\n")
+    console.print(Text(f"{page}\n", TITLE), soft_wrap=True)
     console.print("In SQL, with sqlite3 or any other client:\n")
     show(console, Padding(Text(SQL, DIM), (0, 2)))
     console.print()
@@ -167,6 +171,7 @@ def closing_words(file: Path, console: Console) -> None:
         "state --at 2026-05-04T09:02:00Z",
         "explain '(carries kenny blood)'",
         "export --at 2026-05-04T09:02:00Z",
+        "timeline --now last",
         "--help",
     ):
         console.print(Text(f"  {store if arguments != '--help' else command} {arguments}"), soft_wrap=True)
@@ -182,6 +187,12 @@ def new_file() -> Path:
         directory = Path(tempfile.mkdtemp(prefix="kbstore-demo-"))
     names = ("kbstore-demo.db" if number == 1 else f"kbstore-demo-{number}.db" for number in count(1))
     return next(path for name in names if not (path := directory / name).exists())
+
+
+def page_beside(file: Path) -> Path:
+    """A file that does not exist yet, for the page of the timeline."""
+    names = (f"{file.stem}.html" if number == 1 else f"{file.stem}-{number}.html" for number in count(1))
+    return next(path for name in names if not (path := file.with_name(name)).exists())
 
 
 def unused(file: Path | None) -> Path:

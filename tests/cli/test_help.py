@@ -34,6 +34,7 @@ EXAMPLES = {
     "runs": ["drive"],
     "diff": [ASKED],
     "changes": ["--after", "24"],
+    "timeline": ["battery"],
     "kbs": [],
     "export": ["--at", ASKED, "--format", "json"],
     "import": None,

@@ -102,3 +102,26 @@ def test_changes_about_something(run):
     changes = [json.loads(line) for line in run("changes", "(open ?)", "--after", "10", "--json").out.splitlines()]
     assert [(change["number"], change["by_clock"]) for change in changes] == [(11, False), (14, False), (25, True)]
     assert [item["pddl"] for item in changes[1]["cancelled"]] == ["(not (open lab_door))"]
+
+
+def test_timeline_writes_a_page(run, tmp_path):
+    """With a file that ends in .html, the page is written; patterns, span and belief are passed on."""
+    page = tmp_path / "Kenny.HTML"
+    done = run("timeline", str(page), "battery", "--since", "2026-05-04T09:00:00Z", "--as-of", "2026-05-04T09:00:45Z")
+    assert (done.code, done.err) == (0, "")
+    assert f"{page} shows 8 lanes; open it in a browser" in done.out
+    text = page.read_text("utf-8")
+    assert text.startswith("<!doctype html>")
+    assert '"as_of":10' in text
+    done = run("timeline", str(page), "battery", "--json")
+    assert done.json == {"file": str(page), "lanes": 9, "transactions": 25}
+    assert run("timeline", str(tmp_path / "no" / "x.html")).err.endswith("x.html: No such file or directory\n")
+
+
+def test_timeline_without_a_file_is_text(run):
+    """Lanes of text, and with --json the data."""
+    done = run("timeline", "(open ?)", "--as-of", "2026-05-04T09:00:45Z")
+    assert (done.code, done.err) == (0, "")
+    assert any("lab_door" in line and "█" in line for line in done.words)
+    assert "as of transaction 10" in done.words[0]
+    assert run("timeline", "(open ?)", "--json").json["latest"] == 25

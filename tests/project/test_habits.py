@@ -31,7 +31,9 @@ def test_the_demonstration_installs_no_extra(tmp_path):
     assert "[dev]" in recipes["test"]
 
 
-@pytest.mark.parametrize("extra", sorted(set(PROJECT["project"]["optional-dependencies"]) - {"dev", "bench"}))
+@pytest.mark.parametrize(
+    "extra", sorted(set(PROJECT["project"]["optional-dependencies"]) - {"dev", "bench", "browser"})
+)
 def test_an_extra_exists_when_its_code_does(extra):
     """Each distribution of a user's extra is named by the code that uses it."""
     sources = "".join(path.read_text() for path in (ROOT / "kbstore").rglob("*.py"))

@@ -10,7 +10,8 @@ from kbstore.storage import schema
 def test_the_wheel_holds_what_is_needed(wheel):
     """The wheel has the package, its migrations, the mark for type checkers and the licence, and nothing else."""
     names = zipfile.ZipFile(wheel).namelist()
-    for needed in ("__init__.py", "py.typed", "migrations/env.py", "migrations/versions/0001_tables.py"):
+    page = [f"report/timeline/page.{kind}" for kind in ("html", "css", "js")]
+    for needed in ("__init__.py", "py.typed", "migrations/env.py", "migrations/versions/0001_tables.py", *page):
         assert f"kbstore/{needed}" in names
     assert any(name.endswith("licenses/LICENSE") for name in names)
     assert {name.partition("/")[0].partition("-")[0] for name in names} == {"kbstore"}

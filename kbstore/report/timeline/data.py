@@ -1,0 +1,253 @@
+"""What a timeline shows, as plain data: lanes, rows, runs, and the transactions that made them.
+
+A row is what one assertion says: ``[lane, initial, end, from, gone, ended, how, value, rate]``. Times are nanoseconds
+after the data's `origin`. It is known from the transaction `from` on, until the transaction `gone` cancelled it (`how`
+1) or superseded it (`how` 2); 0 if none did. `ended` is the transaction that ended it, or scheduled what ends it; 0 if
+it is open. `value` is 1 or 0 for what is asserted or explicitly false, and the number at `initial` for a function;
+`rate` is per second, or an object's type. A scheduled number may have a tenth place: the rate that was recorded, where
+an action moves it by another one when its time comes. The state at any time, as of any transaction, follows from these
+rows by the rules V1, C9 and Q2. What is expected of the actions that run does not, and comes as rows of its own:
+`expected`, each for the one transaction after which it was expected, in order.
+"""
+
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Any
+
+from kbstore.clock import OPEN
+from kbstore.errors import KbStoreError
+from kbstore.messages import Function, Instance, KnowledgeType
+from kbstore.model.results import Assertion, Change, Run, Transaction
+from kbstore.model.timelines import Timeline, Value
+from kbstore.names import key
+from kbstore.reading.state import State
+from kbstore.report.timeline.lanes import Lanes
+
+if TYPE_CHECKING:
+    from kbstore.knowledge_base import KnowledgeBase
+
+Row = list[Any]
+
+EXPECTATIONS = 300
+"""For how many transactions, the latest ones, it is computed what was expected of the actions that ran then."""
+
+CANCELLED, SUPERSEDED = 1, 2
+
+
+def timeline_data(
+    kb: "KnowledgeBase",
+    patterns: Sequence[str] = (),
+    *,
+    since: int | None = None,
+    until: int | None = None,
+    as_of: Transaction | int | None = None,
+    expectations: int = EXPECTATIONS,
+) -> dict[str, Any]:
+    """Collect a knowledge base's history for a timeline.
+
+    Args:
+        kb: the knowledge base.
+        patterns: only the lanes that match one of these: ``(robot_at kenny ?)``, or a word for whatever has that
+            symbol or object, and the objects themselves; all lanes if there are none.
+        since: the begin of the span, in nanoseconds; None: that of the history.
+        until: its end; None: the last time of which something is known, or now if that is not far behind it.
+        as_of: what was known then is shown first: a transaction, or a time in nanoseconds; None: what is known now.
+        expectations: for how many transactions to compute what was expected of the actions that ran.
+
+    Raises:
+        HistoryUnavailable: the beginning of the history has been archived.
+    """
+    return _Collector(kb, patterns, since, until).data(as_of, expectations)
+
+
+class _Collector:
+    """Collects the data of one timeline."""
+
+    def __init__(self, kb: "KnowledgeBase", patterns: Sequence[str], since: int | None, until: int | None) -> None:
+        self._kb = kb
+        self._lanes = Lanes(patterns)
+        self._now = kb.now()
+        self._changes = list(kb.changes())
+        self._runs = kb.runs()
+        self._transactions = [change.transaction for change in self._changes]
+        self._latest = self._transactions[-1].number if self._transactions else 0
+        self._first = since if since is not None else min([self._now, *map(_begin, self._changes)])
+        self._last = self._until() if until is None else until
+        self._scheduled_by: dict[int, dict[tuple[str, int], float]] = {}
+        # what was over for good by then is not shown
+        self._base = max((tx.number for tx in self._transactions if since is not None and tx.time <= since), default=0)
+
+    def data(self, as_of: Transaction | int | None, expectations: int) -> dict[str, Any]:
+        """Everything, with the lanes in the order in which they were met."""
+        runs = [row for run in self._runs if (row := self._run(run)) is not None]
+        asserted = [(found, change.number) for change in self._changes for found in change.asserted]
+        rows = [row for found, number in (*asserted, *self._derived(asserted)) if (row := self._row(found, number))]
+        reached = list(self._reached())
+        asked = self._latest_asked(expectations)
+        expected = [row for number, state in asked for row in self._expected(number, state)]
+        return {
+            "name": self._kb.name,
+            "closed": not self._kb.use_unknowns,
+            "origin": str(self._first),
+            "until": self._last - self._first,
+            "now": self._now - self._first,
+            "base": self._base,
+            "latest": self._latest,
+            "as_of": self._number(as_of),
+            "known_from": max(1, self._latest + 1 - expectations),
+            "transactions": [[tx.number, tx.time - self._first, tx.client, tx.note] for tx in self._transactions],
+            "groups": self._lanes.groups,
+            "lanes": self._lanes.described,
+            "rows": rows,
+            "runs": runs,
+            "expected": expected,
+            "reached": reached,
+        }
+
+    def _number(self, as_of: Transaction | int | None) -> int | None:
+        """The number of the transaction that is meant."""
+        if as_of is None or isinstance(as_of, Transaction):
+            return None if as_of is None else as_of.number
+        if as_of >= self._now:
+            return None
+        return max((tx.number for tx in self._transactions if tx.time <= as_of), default=0)
+
+    def _until(self) -> int:
+        """The last time of which something is known; or now, unless that lies far behind what happened."""
+        last = max([self._first, *self._times()])
+        return self._now if last < self._now <= last + (last - self._first) else last
+
+    def _times(self) -> Iterator[int]:
+        """When something happened, is scheduled, or is expected to end."""
+        for change in self._changes:
+            yield change.transaction.time
+            yield from (found.initial_time for found in change.asserted)
+        yield from (run.expected_end for run in self._runs)
+
+    # -- what is recorded -------------------------------------------------------------------------------------
+
+    def _derived(self, asserted: Sequence[tuple[Assertion, int]]) -> Iterator[tuple[Assertion, int]]:
+        """The assertions that follow what runs by the clock (rule O5), which no transaction's changes list."""
+        if not self._runs:
+            return
+        told = [found for found, _ in asserted if isinstance(found.item, Function) and not found.is_goal]
+        known = set(map(_identity, told))
+        patterns = {f"({' '.join((key(f.attribute_name), *'?' * len(f.arguments)))})" for f in map(_function, told)}
+        for pattern in sorted(patterns):
+            yield from ((f, f.recorded.number) for f in self._kb.history(pattern) if _identity(f) not in known)
+
+    def _row(self, found: Assertion, number: int) -> Row | None:
+        gone, how = (found.superseded, SUPERSEDED) if found.superseded is not None else (found.cancelled, CANCELLED)
+        ended = 0 if found.ended is None or found.end_time is None else found.ended.number
+        is_over = found.end_time is not None and found.end_time < self._first and ended <= self._base
+        if found.initial_time > self._last or is_over or (gone is not None and gone.number < self._base):
+            return None
+        lane = self._lanes.of_assertion(found)
+        if lane is None:
+            return None
+        item = found.item
+        value: Any = int(not getattr(item, "is_negative", False))
+        rate: Any = 0
+        if isinstance(item, Function) and not found.is_goal:
+            value, rate = item.function_value, item.rate
+        elif isinstance(item, Instance):
+            rate = item.instance_type
+        end = None if found.end_time is None else found.end_time - self._first
+        by = (number, 0 if gone is None else gone.number, ended, 0 if gone is None else how)
+        return [lane, found.initial_time - self._first, end, *by, value, rate, *self._recorded_rate(found, number)]
+
+    def _recorded_rate(self, found: Assertion, number: int) -> Iterator[float]:
+        """The rate that was scheduled for a number, where an action that ran at its time may have changed it."""
+        t = found.initial_time
+        if not isinstance(found.item, Function) or found.is_goal or t <= found.recorded.time:
+            return
+        if any(run.started <= t and (run.ended is None or run.ended >= found.recorded.time) for run in self._runs):
+            if number not in self._scheduled_by:
+                state = self._kb.state(found.recorded.time, as_of=found.recorded)
+                items = [item for item in state.timed_knowledge if isinstance(item, Function)]
+                self._scheduled_by[number] = {(str(item.atom), item.initial_time): item.rate for item in items}
+            rate = self._scheduled_by[number].get((str(found.item.atom), t))
+            if rate is not None:
+                yield rate
+
+    def _run(self, run: Run) -> Row | None:
+        if run.started > self._last or (run.ended is not None and run.ended < self._first):
+            return None
+        lane = self._lanes.of_run(run)
+        if lane is None:
+            return None
+        broken = [
+            [found.condition, found.since - self._first, None if found.until is None else found.until - self._first]
+            for found in run.broken
+        ]
+        times = (run.started, run.expected_end, run.ended)
+        relative = [None if t is None else t - self._first for t in times]
+        return [lane, *relative, run.outcome, run.started_by, run.ended_by or 0, broken]
+
+    def _reached(self) -> Iterator[Row]:
+        """When each goal was true, as is known now."""
+        goals = {str(found.item): found for change in self._changes for found in change.asserted if found.is_goal}
+        for text, found in goals.items():
+            lane = self._lanes.of_assertion(found)
+            if lane is None:
+                continue
+            try:
+                spans = self._kb.when(text, self._first, max(self._first, min(self._last, self._now)))
+            except KbStoreError:
+                # it cannot be decided for all of the span: a moving product, a domain without its predicate
+                continue
+            yield [
+                lane,
+                [[start - self._first, None if end >= self._now else end - self._first] for start, end in spans],
+            ]
+
+    # -- what is expected -------------------------------------------------------------------------------------
+
+    def _latest_asked(self, count: int) -> list[tuple[int, State]]:
+        """The latest transactions, each with its state where an action ran that was expected to end; and now."""
+        asked = [(self._latest + 1, self._kb.state())]
+        for transaction in self._transactions[::-1][:count]:
+            number, t = transaction.number, transaction.time
+            if number >= self._base and any(
+                run.started_by <= number and (run.ended_by is None or run.ended_by > number) for run in self._runs
+            ):
+                asked.append((number, self._kb.state(t, as_of=transaction)))
+        return asked
+
+    def _expected(self, number: int, state: State) -> Iterator[Row]:
+        """What was expected after a transaction, from the first effect of what ran on.
+
+        With what was scheduled for later, too, as it may come otherwise than recorded: at another rate, or not at all.
+        """
+        if not state.running:
+            return
+        events = list(state.projection().advance(min(self._last, OPEN - 1)))
+        is_number = KnowledgeType.FUNCTION
+        cut = min((e.time for e in events if e.run is not None or e.timeline.kind is is_number), default=OPEN)
+        for event in events:
+            lane = self._lanes.of_timeline(event.timeline) if event.time >= cut else None
+            if lane is not None:
+                value = _value(event.timeline, event.value)
+                yield [lane, event.time - self._first, None, number, number + 1, 0, 0, *value]
+
+
+def _begin(change: Change) -> int:
+    """The first time that a transaction is about: its own, or that of late knowledge."""
+    return min([change.transaction.time, *(found.initial_time for found in change.asserted)])
+
+
+def _function(found: Assertion) -> Function:
+    assert isinstance(found.item, Function)
+    return found.item
+
+
+def _identity(found: Assertion) -> tuple[str, int, int | None, int]:
+    return str(_function(found).atom), found.initial_time, found.end_time, found.recorded.number
+
+
+def _value(timeline: Timeline, value: Value | None) -> tuple[Any, Any]:
+    """The value and rate of a row, from a timeline's value; None where nothing holds any more."""
+    if value is None:
+        return None, 0
+    if timeline.kind is KnowledgeType.FUNCTION:
+        return value[1], value[3]
+    return int(not value[0]), value[1] if timeline.kind is KnowledgeType.INSTANCE else 0
