@@ -2,13 +2,14 @@
 
 from bisect import bisect_left
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from enum import Enum
 from fractions import Fraction
 from typing import Any
 
 from kbstore.clock import SECOND
-from kbstore.errors import InvalidKnowledge
+from kbstore.errors import InvalidKnowledge, NotApplicable
 from kbstore.interop.up_symbols import library
 from kbstore.messages.base import format_number
 from kbstore.model.results import Run
@@ -16,6 +17,9 @@ from kbstore.names import key
 
 ROUNDING = 2
 """Nanoseconds by which times of a plan may differ that are meant to be the same."""
+
+PRINTED = 1_000_000
+"""Nanoseconds by which a duration in a plan may differ from what the domain allows: planners print three decimals."""
 
 
 class Happening(Enum):
@@ -112,7 +116,11 @@ def _rounded(step: Step, beginnings: Sequence[int]) -> Step:
 
 
 def execute(
-    knowledge_base: Any, plan: Sequence[Step] | Any, wait: Callable[[int], object]
+    knowledge_base: Any,
+    plan: Sequence[Step] | Any,
+    wait: Callable[[int], object],
+    *,
+    stop_when_broken: bool = True,
 ) -> Iterator[tuple[Step, Any]]:
     """Carry out a plan, one step for each turn of the loop, beginning now.
 
@@ -127,12 +135,17 @@ def execute(
     expected end, also after the last step, unless it has been ended or aborted by then. What is late by then is left
     alone.
 
-    `NotApplicable` from a step ends the loop. What was started then still runs, and is found in ``kb.state().running``.
+    A duration that the planner rounded is the one that the domain allows, if there is one within a millisecond, and
+    the action is then ended when it is due.
+
+    `NotApplicable` ends the loop: from a step, or before one where an over-all condition of what runs has been broken
+    (rule O6). What was started then still runs, and is found in ``kb.state().running``.
 
     Args:
-        knowledge_base: the `KnowledgeBase` to tell.
-        plan: a plan of unified_planning, or steps.
-        wait: waits until a time, in nanoseconds.
+        knowledge_base: The `KnowledgeBase` to act on.
+        plan: A plan of unified_planning, or steps.
+        wait: Waits until a time, in nanoseconds.
+        stop_when_broken: False to go on where an over-all condition has been broken.
     """
     todo = list(plan) if isinstance(plan, Sequence) else steps(plan)
     begin = knowledge_base.now()
@@ -142,19 +155,61 @@ def execute(
         ends = [_end_of(run, begin) for run in before]
         todo = in_order([*ends, *todo])
     running: dict[tuple[str, ...], Run] = {_end_of(run, begin).action: run for run in before}
-    for step in todo:
+    for index, step in enumerate(todo):
         if step.at is not None:
-            wait(begin + step.at)
+            following = todo[index + 1].at if index + 1 < len(todo) else None
+            following = None if following is None else begin + following
+            wait(_due(step, begin, following, running.get(step.action), knowledge_base.now()))
+        if stop_when_broken:
+            _refuse_broken(knowledge_base, running.values())
         match step.happening:
             case Happening.APPLY:
                 yield step, knowledge_base.apply(step.operator, *step.arguments)
             case Happening.START:
-                running[step.action] = knowledge_base.start(step.operator, *step.arguments, duration=step.duration)
+                running[step.action] = _start(knowledge_base, step)
                 yield step, running[step.action]
             case Happening.END:
                 run = running.pop(step.action)
                 if run not in before or run in knowledge_base.state().running:
                     yield step, knowledge_base.end(run)
+
+
+def _start(knowledge_base: Any, step: Step) -> Run:
+    """Start an action with its duration in the plan, or one within `PRINTED` of it that the domain allows."""
+    try:
+        started: Run = knowledge_base.start(step.operator, *step.arguments, duration=step.duration)
+        return started
+    except NotApplicable as refusal:
+        if step.duration is None:
+            raise
+        # what the domain fixes, and a bound that was rounded across
+        for duration in (None, step.duration - PRINTED // 2, step.duration + PRINTED // 2):
+            with suppress(NotApplicable, InvalidKnowledge), knowledge_base.transaction() as tx:
+                started = tx.start(step.operator, *step.arguments, duration=duration)
+                if abs(started.duration - step.duration) > PRINTED:
+                    raise refusal
+                return started
+        raise
+
+
+def _due(step: Step, begin: int, following: int | None, run: Run | None, now: int) -> int:
+    """When a step is due: an end that the plan rounded, when its run is expected to end, but before what follows."""
+    planned = begin + (step.at or 0)
+    if step.happening is not Happening.END or run is None or not 0 < abs(run.expected_end - planned) <= PRINTED:
+        return planned
+    latest = run.expected_end if following is None else min(run.expected_end, following)
+    return max(latest, now)
+
+
+def _refuse_broken(knowledge_base: Any, runs: Iterable[Run]) -> None:
+    """Raise `NotApplicable` where an over-all condition of what runs has been broken."""
+    for run in runs:
+        broken = knowledge_base.broken(run)
+        if broken:
+            raise NotApplicable(
+                f"the plan is stopped: {run} needs {broken[0]}; abort it and plan again, or go on with "
+                "stop_when_broken=False"
+            )
 
 
 def _end_of(run: Run, begin: int) -> Step:

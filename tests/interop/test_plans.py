@@ -7,9 +7,12 @@ from typing import Any
 import pytest
 from unified_planning.plans import PartialOrderPlan, SequentialPlan, TimeTriggeredPlan
 
+import kbstore
 from kbstore.clock import ManualClock, seconds
 from kbstore.errors import InvalidKnowledge, NotApplicable
+from kbstore.interop.plan_text import read_plan
 from kbstore.interop.unified_planning import Happening, Step, execute, steps, to_problem
+from kbstore.model.results import Run
 from tests.interop.states import state
 
 APPLY, START, END = Happening.APPLY, Happening.START, Happening.END
@@ -102,11 +105,14 @@ class Recorder:
         self.told.append((self.now(), "apply", operator, *arguments))
         return f"transaction {len(self.told)}"
 
-    def start(self, operator: str, *arguments: str, duration: int) -> tuple[str, ...]:
+    def start(self, operator: str, *arguments: str, duration: int) -> Run:
         self.told.append((self.now(), "start", operator, *arguments, duration))
-        return ("run", *arguments)
+        return Run(operator, arguments, self.now(), duration)
 
-    def end(self, run: tuple[str, ...]) -> str:
+    def broken(self, run: Run) -> list[Any]:
+        return []
+
+    def end(self, run: Run) -> str:
         self.told.append((self.now(), "end", run))
         return f"transaction {len(self.told)}"
 
@@ -118,7 +124,7 @@ def test_a_plan_is_executed_at_its_times(problem: Any):
     plan = TimeTriggeredPlan(
         [(Fraction(1), go(problem, "wp0", "wp1"), Fraction(4)), (Fraction(2), look(problem, "wp0"), None)]
     )
-    run = ("run", "kenny", "wp0", "wp1")
+    run = Run("go", ("kenny", "wp0", "wp1"), seconds(101), seconds(4))
     happened = [(step.happening, outcome) for step, outcome in execute(knowledge_base, plan, clock.set)]
     assert happened == [(START, run), (APPLY, "transaction 2"), (END, "transaction 3")]
     assert knowledge_base.told == [
@@ -150,3 +156,67 @@ def test_a_step_that_is_refused_ends_the_execution(problem: Any):
     with pytest.raises(NotApplicable):
         list(execute(knowledge_base, plan, clock.set))
     assert [told[1] for told in knowledge_base.told] == ["start"]
+
+
+ROUNDED = """
+(define (domain rounded)
+  (:predicates (ready) (done) (lit))
+  (:functions (load) (level))
+  (:durative-action fill :parameters () :duration (= ?duration (/ (load) 3))
+    :condition (over all (lit)) :effect (and (increase (level) (* #t 3)) (at end (done))))
+  (:durative-action rest :parameters () :duration (<= ?duration (/ (load) 3)) :condition () :effect (at end (ready))))
+"""
+
+
+@pytest.fixture
+def rounded() -> Any:
+    with kbstore.open("sqlite://", "rounded", clock=ManualClock(seconds(10))) as kb:
+        kb.load(ROUNDED)
+        kb.add("(= (load) 20)", "(= (level) 0)", "(lit)")
+        yield kb
+
+
+@pytest.mark.parametrize("printed", ["6.667", "6.666"])
+def test_a_rounded_duration_is_the_one_that_the_domain_fixes(rounded: Any, printed: str):
+    """O7: a plan is carried out whatever it was rounded to: 20 / 3 s fill exactly 20, and the end is when that is."""
+    clock = rounded._clock
+    done = list(execute(rounded, read_plan(f"0.0: (fill) [{printed}]", rounded.domain), clock.set))
+    assert [step.happening for step, _ in done] == [START, END]
+    assert done[1][1].time == seconds(10) + 6_666_666_667
+    assert rounded.value("(level)") == 20
+    assert rounded.holds("(done)")
+
+
+def test_a_duration_rounded_across_a_bound_is_within_it(rounded: Any):
+    """O7: 6.667 s where at most 20 / 3 s are allowed starts with half a millisecond less."""
+    list(execute(rounded, read_plan("0.0: (rest) [6.667]", rounded.domain), rounded._clock.set))
+    assert rounded.holds("(ready)")
+    (run,) = rounded.runs()
+    assert run.duration == seconds("6.6665")
+
+
+def test_a_duration_that_is_not_rounded_is_refused(rounded: Any):
+    """O7: what differs by more than a millisecond is another duration; nothing starts."""
+    with pytest.raises(NotApplicable, match="duration"):
+        list(execute(rounded, read_plan("0.0: (fill) [6.6]", rounded.domain), rounded._clock.set))
+    assert rounded.runs() == []
+
+
+def test_execution_stops_where_an_invariant_is_broken(rounded: Any):
+    """O6: before the next step the broken condition is named; the run is left running, unless told to go on."""
+    plan = read_plan("0.0: (fill) [6.667]", rounded.domain)
+    carried_out = execute(rounded, plan, rounded._clock.set)
+    next(carried_out)
+    rounded._clock.advance(seconds(2))
+    rounded.remove("(lit)")
+    with pytest.raises(NotApplicable, match=r"\(lit\) is false since"):
+        next(carried_out)
+    (run,) = rounded.state().running
+    rounded.abort(run)
+    rounded.add("(lit)")
+    carried_out = execute(rounded, plan, rounded._clock.set, stop_when_broken=False)
+    next(carried_out)
+    rounded.remove("(lit)")
+    step, ended = next(carried_out)
+    assert step.happening is END
+    assert [broken.condition for broken in ended.broken] == ["(lit)"]
