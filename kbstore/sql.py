@@ -69,6 +69,7 @@ __all__ = [
     "mentions",
     "metadata",
     "revisions",
+    "run_history",
     "runs",
     "schedules",
     "symbols",
@@ -270,6 +271,27 @@ current_facts = _view("current_facts", {"fact": Text()}, _ATOM, _SIGNED, _PRESEN
 current_functions = _view("current_functions", {"function": Text()}, _ATOM, _NUMBER, _PRESENT)
 current_instances = _view("current_instances", {"name": Text(), "type": Text()}, _PRESENT)
 current_goals = _view("current_goals", {"goal": Text()}, _PRESENT)
+run_history = _view(
+    "run_history",
+    {
+        "action": Text(),
+        "operator": Text(),
+        "arguments": Text(),
+        "started": String(30),
+        "expected_end": String(30),
+        "ended": String(30),
+        "outcome": Text(),
+        "duration_s": Double(),
+        "forced": Text(),
+        "started_tx": BigInteger(),
+        "started_client": Text(),
+        "ended_tx": BigInteger(),
+        "ended_client": Text(),
+        "started_ns": Nanoseconds(),
+        "expected_end_ns": Nanoseconds(),
+        "ended_ns": Nanoseconds(),
+    },
+)
 transaction_log = _view(
     "transaction_log",
     {

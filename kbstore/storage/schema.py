@@ -48,6 +48,7 @@ VIEWS = (
     "current_functions",
     "current_instances",
     "current_goals",
+    "run_history",
 )
 """The views of the schema at its head."""
 

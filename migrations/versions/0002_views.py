@@ -48,6 +48,7 @@ VIEWS = (
     "current_functions",
     "current_instances",
     "current_goals",
+    "run_history",
 )
 
 
@@ -72,6 +73,7 @@ def upgrade() -> None:
     goals = [(table, {"goal": signed(text)}) for table, text in GOALS.items()]
     create("goal_history", " UNION ALL ".join(history(table, goal, GOAL) for table, goal in goals))
     create("current_goals", " UNION ALL ".join(current(table, goal, GOAL) for table, goal in goals))
+    create("run_history", runs())
 
 
 def downgrade() -> None:
@@ -188,6 +190,34 @@ def current(table: str, own: Columns, role: int = STATE, also: str = "") -> str:
         " LEFT JOIN transactions r ON r.kb_id = f.kb_id AND r.number = coalesce(f.told_tx, f.recorded_tx)"
         f" WHERE h.kb_id = k.id AND f.kb_id = k.id AND {holds} {also}".rstrip()
         for holds in within
+    )
+
+
+def runs() -> str:
+    """The durative actions, with the transactions that started and ended each (rule Q8)."""
+    columns: Columns = {
+        "knowledge_base": "k.name",
+        "action": "'(' || r.operator || CASE WHEN r.arguments <> '' THEN ' ' || r.arguments ELSE '' END || ')'",
+        "operator": "r.operator",
+        "arguments": "r.arguments",
+        "started": iso("r.initial_time"),
+        "expected_end": iso("(r.initial_time + r.duration)"),
+        "ended": f"CASE WHEN r.end_time < {OPEN} THEN {iso('r.end_time')} END",
+        "outcome": "coalesce(r.outcome, 'running')",
+        "duration_s": "r.duration_s",
+        "forced": "r.forced",
+        "started_tx": "r.recorded_tx",
+        "started_client": "s.client",
+        "ended_tx": "r.ended_tx",
+        "ended_client": "e.client",
+        "started_ns": "r.initial_time",
+        "expected_end_ns": "r.initial_time + r.duration",
+        "ended_ns": f"CASE WHEN r.end_time < {OPEN} THEN r.end_time END",
+    }
+    return (
+        f"SELECT {listed(columns)} FROM knowledge_bases k JOIN runs r ON r.kb_id = k.id"
+        " LEFT JOIN transactions s ON s.kb_id = k.id AND s.number = r.recorded_tx"
+        " LEFT JOIN transactions e ON e.kb_id = k.id AND e.number = r.ended_tx"
     )
 
 

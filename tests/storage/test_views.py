@@ -4,7 +4,15 @@ import random
 
 import pytest
 
+from kbstore.clock import seconds
 from tests.storage.test_invariants import play, reading, sequences
+
+RUNS = """
+(define (domain runs)
+  (:predicates (never))
+  (:durative-action beep :parameters () :duration (<= ?duration 7) :condition () :effect ())
+  (:durative-action hum :parameters () :duration (>= ?duration 8) :condition () :effect ()))
+"""
 
 SAME = "recorded_tx, ended_tx, cancelled_tx, initial_ns, end_ns"
 
@@ -49,6 +57,47 @@ def test_the_views_of_history_tell_what_history_tells(told):
     ]
     shown = [(*row[:2], bool(row[2]), *row[3:]) for row in view("instance_history", "name, type, is_negative", SAME)]
     assert sorted(shown, key=repr) == sorted(objects, key=repr)
+
+
+def test_the_view_of_runs_shows_what_runs_answers(open_kb, clock):
+    """Q8: `run_history` has each run with its times, its outcome, what was forced, and who started and ended it."""
+    kb = open_kb()
+    kb.load(RUNS)
+    for name, client in (("beep", "first"), ("hum", "second"), ("beep", "third")):
+        clock.advance(seconds(10))
+        run = kb.start(name, duration=seconds(7), client=client, force=True)
+        clock.advance(seconds(1))
+        if client == "first":
+            kb.end(run, client="ender")
+        elif client == "second":
+            kb.abort(run)
+    execute, _ = reading(kb)
+    rows = execute(
+        "SELECT action, operator, arguments, outcome, duration_s, forced, started_tx, started_client, ended_tx,"
+        f" ended_client, started_ns, expected_end_ns, ended_ns FROM run_history WHERE knowledge_base = '{kb.name}'"
+        " ORDER BY started_tx"
+    )
+    clients = {change.number: change.transaction.client or "" for change in kb.changes()}
+    assert [(*row[:9], row[9] or "", *row[10:]) for row in rows] == [
+        (
+            f"({run.operator})",
+            run.operator,
+            "",
+            run.outcome,
+            run.seconds,
+            "\n".join(run.forced) or None,
+            run.started_by,
+            clients[run.started_by],
+            run.ended_by,
+            "" if run.ended_by is None else clients[run.ended_by],
+            run.started,
+            run.expected_end,
+            run.ended,
+        )
+        for run in kb.runs()
+    ]
+    assert [row[3] for row in rows] == ["ended", "aborted", "running"]
+    assert [row[7] for row in rows] == ["first", "second", "third"]
 
 
 def pattern(formula):
