@@ -12,7 +12,7 @@ test: .venv/dev
 
 # Chromium comes from the system's packages, which root can install; where it is not there, a line says so.
 test-browser: .venv/browser
-	@command -v chromium chromedriver >/dev/null || [ "$$(id -u)" != 0 ] || ! command -v apt-get >/dev/null || \
+	@{ command -v chromium && command -v chromedriver; } >/dev/null || [ "$$(id -u)" != 0 ] || ! command -v apt-get >/dev/null || \
 	  { apt-get update -q && apt-get install -q -y --no-install-recommends chromium chromium-driver fonts-dejavu-core; }
 	@if command -v chromium >/dev/null && command -v chromedriver >/dev/null; then \
 	  KBSTORE_TEST_BROWSER=1 $(BIN)/python -m pytest tests/timeline/test_browser.py; \

@@ -7,6 +7,7 @@ from kbstore.api import knowledge_bases, open
 from kbstore.clock import Clock, DurationLike, ManualClock, SystemClock, TimeLike, seconds, time
 from kbstore.conversion import MessageDomain as Domain
 from kbstore.errors import (
+    ClockJumped,
     ClockWentBackwards,
     Conflict,
     DivisionByZero,
@@ -82,6 +83,7 @@ __all__ = [
     "Broken",
     "Change",
     "Clock",
+    "ClockJumped",
     "ClockWentBackwards",
     "ComparisonType",
     "Condition",

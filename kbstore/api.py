@@ -8,11 +8,11 @@ from sqlalchemy.engine import URL
 from kbstore.clock import Clock, DurationLike, duration
 from kbstore.errors import InvalidKnowledge
 from kbstore.knowledge_base import KnowledgeBase
+from kbstore.reading.resolver import MAX_STEP, TOLERANCE
 from kbstore.storage import directory
 from kbstore.storage import schema as schemas
 from kbstore.storage.database import Database
 from kbstore.storage.engine import BUSY_TIMEOUT
-from kbstore.writing.unit_of_work import TOLERANCE
 
 
 def open(
@@ -26,6 +26,7 @@ def open(
     read_only: bool = False,
     cache: bool = True,
     tolerance: DurationLike = TOLERANCE,
+    max_step: DurationLike = MAX_STEP,
     busy_timeout: float = BUSY_TIMEOUT,
     schema: str | None = None,
 ) -> KnowledgeBase:
@@ -43,6 +44,8 @@ def open(
         cache: whether answers are remembered: those about now until something changes (SQLite only), and the states of
             the past that were asked for last.
         tolerance: how far the clock may be behind the latest recorded time (a duration; rule T3).
+        max_step: how far the system clock may get ahead of what the machine measures, between two transactions, before
+            it is `ClockJumped` (a duration; rule T6).
         busy_timeout: seconds to wait for a lock that others hold, before it is `StoreUnavailable`.
         schema: the schema of a PostgreSQL database in which the tables are; made if there is none. None: where the
             search path of the connection finds them.
@@ -69,6 +72,7 @@ def open(
             read_only=read_only,
             cache=cache,
             tolerance=duration(tolerance),
+            max_step=duration(max_step),
         )
     except BaseException:
         database.close()

@@ -92,6 +92,12 @@ class SystemClock:
         """Return the wall clock's time in nanoseconds."""
         return _time.time_ns()
 
+    @staticmethod
+    def elapsed() -> int:
+        """Return nanoseconds since some moment, whatever the wall clock is set to; suspended time counts on Linux."""
+        boot = getattr(_time, "CLOCK_BOOTTIME", None)
+        return _time.monotonic_ns() if boot is None else _time.clock_gettime_ns(boot)
+
 
 class ManualClock:
     """A clock that is moved by hand: for simulations, replays and tests."""

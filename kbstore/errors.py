@@ -81,6 +81,10 @@ class ClockWentBackwards(KbStoreError, RuntimeError):
     """The clock is further behind the latest recorded time than the tolerance allows; nothing has been stored."""
 
 
+class ClockJumped(KbStoreError, RuntimeError):
+    """The system clock has advanced by more than the machine measured; nothing has been stored (rule T6)."""
+
+
 class Conflict(KbStoreError, RuntimeError):
     """A transaction was committed after the one that the caller expected to be the latest."""
 

@@ -59,6 +59,7 @@ from kbstore.reading.history import History
 from kbstore.reading.query import bindings
 from kbstore.reading.questions import Knowledge, Question
 from kbstore.reading.reader import Reader
+from kbstore.reading.resolver import MAX_STEP, TOLERANCE
 from kbstore.reading.runs import Runs
 from kbstore.reading.sampling import Sample, sampled
 from kbstore.reading.state import State
@@ -72,7 +73,7 @@ from kbstore.transfer.archive import Archived
 from kbstore.transfer.rows import Progress, is_archive
 from kbstore.writing.action_executor import applicability
 from kbstore.writing.ingesting import BATCH, Counted, Ingested, ingest
-from kbstore.writing.unit_of_work import TOLERANCE, OpenTransaction
+from kbstore.writing.unit_of_work import OpenTransaction
 
 if TYPE_CHECKING:
     from sqlalchemy import Connection
@@ -96,6 +97,7 @@ class KnowledgeBase:
         read_only: bool = False,
         cache: bool = True,
         tolerance: int = TOLERANCE,
+        max_step: int = MAX_STEP,
     ) -> None:
         self.name = name
         self._database = database
@@ -120,6 +122,8 @@ class KnowledgeBase:
             explainer=self._explain_state,
             caching=cache,
             is_archive=self._is_archive,
+            tolerance=tolerance,
+            max_step=max_step,
         )
         self._history = History(self._reader)
         self._runs = Runs(self._reader)
@@ -127,7 +131,6 @@ class KnowledgeBase:
         self._answers = Answers(self._reader, self._clock, caching=cache)
         self._writing = threading.local()
         self._watches: WeakSet[Watch[Any]] = WeakSet()
-        self._tolerance = tolerance
 
     def _find_or_create(self, use_unknowns: bool | None) -> tuple[int, bool]:
         with self._database.connect() as connection:
@@ -191,7 +194,6 @@ class KnowledgeBase:
             note=note,
             expect=expect,
             validate=self._validate,
-            tolerance=self._tolerance,
             guard=self._alone,
         )
 

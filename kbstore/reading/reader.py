@@ -22,7 +22,7 @@ from kbstore.reading.lazy_state import LazyState
 from kbstore.reading.mentions import mentions
 from kbstore.reading.prepared import PreparedQuestions
 from kbstore.reading.questions import Question
-from kbstore.reading.resolver import Resolver, TemporalPoint
+from kbstore.reading.resolver import MAX_STEP, TOLERANCE, Resolver, TemporalPoint
 from kbstore.reading.state import State
 from kbstore.reading.state_data import StateData
 from kbstore.storage.database import Database
@@ -63,12 +63,14 @@ class Reader:
         explainer: Callable[[State, Question], Explanation],
         caching: bool = True,
         is_archive: bool = False,
+        tolerance: int = TOLERANCE,
+        max_step: int = MAX_STEP,
     ) -> None:
         self.database = database
         self.kb = kb
         self.name = name
         self.use_unknowns = use_unknowns
-        self.resolver = Resolver(name, clock, is_archive=is_archive)
+        self.resolver = Resolver(name, clock, tolerance=tolerance, max_step=max_step, is_archive=is_archive)
         self.domains = DomainVersions(caching=caching)
         self.questions = PreparedQuestions(use_unknowns=use_unknowns, caching=caching)
         self.memory = StoreMemory(name, TIMELINES if caching else 0)

@@ -7,11 +7,18 @@ what was on record (`kbstore.planning.simulator`); or refused, as history has be
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from kbstore.clock import OPEN, TIME_LIMIT, Clock, TimeLike, isoformat, time
-from kbstore.errors import ClockWentBackwards, HistoryUnavailable
+from kbstore.clock import OPEN, SECOND, TIME_LIMIT, Clock, SystemClock, TimeLike, isoformat, time
+from kbstore.errors import ClockJumped, ClockWentBackwards, HistoryUnavailable
+from kbstore.messages import format_number
 from kbstore.model.results import AsOf, Transaction
 from kbstore.storage.records import Head, LogPosition, RunRow, StoredPoint
 from kbstore.storage.repository import Repository
+
+TOLERANCE = SECOND
+"""How far a clock may be behind the latest recorded time, in nanoseconds (rule T3)."""
+
+MAX_STEP = 3600 * SECOND
+"""How far the system clock may get ahead of what the machine measures, in nanoseconds (rule T6)."""
 
 
 class TemporalPoint(NamedTuple):
@@ -49,10 +56,22 @@ class TemporalPoint(NamedTuple):
 class Resolver:
     """Decides which instant a question about one knowledge base means."""
 
-    def __init__(self, name: str, clock: Clock, *, is_archive: bool = False) -> None:
+    def __init__(
+        self,
+        name: str,
+        clock: Clock,
+        *,
+        tolerance: int = TOLERANCE,
+        max_step: int = MAX_STEP,
+        is_archive: bool = False,
+    ) -> None:
         self.name = name
         self.is_archive = is_archive
         self._clock = clock
+        self._tolerance = tolerance
+        self._max_step = max_step
+        # the last good reading of the system clock: its time, and what the machine had measured by then
+        self._good = (clock.now(), clock.elapsed()) if isinstance(clock, SystemClock) else None
 
     # -- now --------------------------------------------------------------------------------------------------
 
@@ -64,19 +83,35 @@ class Resolver:
         """Return now for a question: a caller always sees what it wrote (rule T3)."""
         return max(self.read_clock(), head.time)
 
-    def now_for_writing(self, head: Head, tolerance: int) -> int:
+    def now_for_writing(self, head: Head) -> int:
         """Return now for a transaction that has locked the head.
 
-        Raises `ClockWentBackwards` where the clock is behind the latest transaction by more than the tolerance, in
-        nanoseconds (rule T3).
+        Raises `ClockWentBackwards` where the clock is behind the latest transaction by more than the tolerance (rule
+        T3), and `ClockJumped` where it is ahead of what the machine measured by more than the largest step (rule T6).
         """
         clock, latest = self.read_clock(), head.time
-        if latest - clock > tolerance:
+        if latest - clock > self._tolerance:
             raise ClockWentBackwards(
                 f"the clock says {isoformat(clock)}, but {self.name} has a transaction of {isoformat(latest)}; "
-                "set the clock, or give a run that begins anew (a simulation at 0) a knowledge base name of its own"
+                "set the clock, or give a run that begins anew (a simulation at 0) a knowledge base name of its own; "
+                "if that transaction's time was wrong, open with a tolerance that covers the gap"
             )
+        self._refuse_jump(clock)
         return max(clock, latest)
+
+    def _refuse_jump(self, clock: int) -> None:
+        if self._good is None or not isinstance(self._clock, SystemClock):
+            return
+        elapsed = self._clock.elapsed()
+        wall, measured = self._good
+        ahead = (clock - wall) - (elapsed - measured)
+        if ahead > self._max_step:
+            raise ClockJumped(
+                f"the system clock says {isoformat(clock)}, {format_number(ahead / SECOND)} s more than the machine "
+                f"has measured since {isoformat(wall)}; nothing has been stored. Set the clock; if it is right now, open "
+                "the knowledge base anew, which takes the clock as it is"
+            )
+        self._good = clock, elapsed
 
     # -- instants ---------------------------------------------------------------------------------------------
 

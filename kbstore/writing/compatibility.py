@@ -11,7 +11,7 @@ from kbstore.pddl.parse import parse_condition, parse_expression
 from kbstore.planning.rates import RunningAction
 from kbstore.writing.change_set import ChangeSet
 from kbstore.writing.formulas import condition_violations, expression_violations
-from kbstore.writing.resolution import Resolver, naming, violations_of
+from kbstore.writing.resolution import NameResolver, naming, violations_of
 from kbstore.writing.timeline_state import TimelineState
 
 
@@ -19,7 +19,7 @@ def violations(
     domain: Domain, change_set: ChangeSet, states: Iterable[TimelineState], running: Iterable[RunningAction]
 ) -> list[str]:
     """What would be invalid under a domain, each in one sentence."""
-    resolver = Resolver(change_set, SymbolTable(domain))
+    resolver = NameResolver(change_set, SymbolTable(domain))
     sentences: list[str] = []
     for state in states:
         values = [(change_set.now, state.value)] if state.value is not None else []
@@ -31,7 +31,7 @@ def violations(
 
 
 def _timeline_violations(
-    domain: Domain, resolver: Resolver, state: TimelineState, t: int, value: Value
+    domain: Domain, resolver: NameResolver, state: TimelineState, t: int, value: Value
 ) -> Iterable[str]:
     timeline = state.timeline
     match timeline.kind:
@@ -66,7 +66,7 @@ def _object_violations(domain: Domain, name: str, value: Value) -> Iterator[str]
         yield f"{name} - {value[1]}: the domain {domain.name} has a constant {name}; remove the object first"
 
 
-def _run_violations(domain: Domain, resolver: Resolver, entry: RunningAction, t: int) -> Iterator[str]:
+def _run_violations(domain: Domain, resolver: NameResolver, entry: RunningAction, t: int) -> Iterator[str]:
     run = entry.run
     try:
         action = domain.action(run.operator)

@@ -21,7 +21,7 @@ from kbstore.model.formulas import (
     names_in,
 )
 from kbstore.names import is_wildcard, key
-from kbstore.writing.resolution import Resolver, violations_of
+from kbstore.writing.resolution import NameResolver, violations_of
 
 VIOLATION_METRIC = "is-violated"
 """PDDL 3.0's count of a preference's violations, which appears in metrics like a function."""
@@ -30,7 +30,7 @@ _UNBOUND: frozenset[str] = frozenset()
 
 
 def condition_violations(
-    resolver: Resolver, condition: Formula, t: int, bound: frozenset[str] = _UNBOUND
+    resolver: NameResolver, condition: Formula, t: int, bound: frozenset[str] = _UNBOUND
 ) -> Iterator[str]:
     """What is wrong with a condition or comparison at a time, each in one sentence; `bound` are quantified keys."""
     match condition:
@@ -56,7 +56,7 @@ def condition_violations(
 
 
 def expression_violations(
-    resolver: Resolver, expression: NumericExpression, t: int, bound: frozenset[str] = _UNBOUND
+    resolver: NameResolver, expression: NumericExpression, t: int, bound: frozenset[str] = _UNBOUND
 ) -> Iterator[str]:
     """What is wrong with the functions that an expression reads."""
     for atom in atoms_of(expression):
@@ -64,7 +64,7 @@ def expression_violations(
             yield from _atom_violations(resolver, KnowledgeType.FUNCTION, atom, t, bound)
 
 
-def symbol_violations(resolver: Resolver, expression: NumericExpression) -> Iterator[str]:
+def symbol_violations(resolver: NameResolver, expression: NumericExpression) -> Iterator[str]:
     """What is wrong with the symbols of the functions that an expression reads, whatever objects exist."""
     for atom in atoms_of(expression):
         if key(atom.name) != VIOLATION_METRIC:
@@ -75,7 +75,7 @@ def symbol_violations(resolver: Resolver, expression: NumericExpression) -> Iter
 
 
 def _atom_violations(
-    resolver: Resolver, kind: KnowledgeType, atom: Atom, t: int, bound: frozenset[str]
+    resolver: NameResolver, kind: KnowledgeType, atom: Atom, t: int, bound: frozenset[str]
 ) -> Iterator[str]:
     try:
         resolver.symbols.ordered(kind, atom.name, atom.arguments, ())
@@ -91,7 +91,7 @@ def _atom_violations(
     yield from resolver.object_violations(str(atom), [name for name, _ in ground], [types for _, types in ground], t)
 
 
-def _term_violations(resolver: Resolver, *terms: str, t: int, bound: frozenset[str]) -> Iterator[str]:
+def _term_violations(resolver: NameResolver, *terms: str, t: int, bound: frozenset[str]) -> Iterator[str]:
     for term in chain.from_iterable(map(names_in, terms)):
         if not _is_bound(term, bound):
             yield from resolver.object_violations(term, [term], [("object",)], t)
@@ -104,7 +104,7 @@ def _is_bound(term: str, bound: frozenset[str]) -> bool:
 # -- canonical form -------------------------------------------------------------------------------------------
 
 
-def canonical_condition(resolver: Resolver, condition: Formula) -> Formula:
+def canonical_condition(resolver: NameResolver, condition: Formula) -> Formula:
     """Spell symbols and types as declared, and objects as first named, in a condition that has been checked.
 
     Without a domain, the use of a symbol in a formula may be its first, which fixes its arity (rule D2).
@@ -125,18 +125,18 @@ def canonical_condition(resolver: Resolver, condition: Formula) -> Formula:
     return map_children(condition, lambda part: canonical_condition(resolver, part))
 
 
-def canonical_expression(resolver: Resolver, expression: NumericExpression) -> NumericExpression:
+def canonical_expression(resolver: NameResolver, expression: NumericExpression) -> NumericExpression:
     """The same for a numeric expression."""
     kind = KnowledgeType.FUNCTION
     return tuple([_canonical_atom(resolver, kind, token) if isinstance(token, Atom) else token for token in expression])
 
 
-def canonical_term(resolver: Resolver, name: str) -> str:
+def canonical_term(resolver: NameResolver, name: str) -> str:
     """The object's name as first written; a variable and an object fluent's term stay as they are."""
     return name if is_wildcard(name) or name[0] == "(" else resolver.object(name).timeline.spelling
 
 
-def _canonical_atom(resolver: Resolver, kind: KnowledgeType, atom: Atom) -> Atom:
+def _canonical_atom(resolver: NameResolver, kind: KnowledgeType, atom: Atom) -> Atom:
     if key(atom.name) == VIOLATION_METRIC:
         return atom
     name, arguments = resolver.symbols.ordered(kind, atom.name, atom.arguments, ())
@@ -144,7 +144,7 @@ def _canonical_atom(resolver: Resolver, kind: KnowledgeType, atom: Atom) -> Atom
     return Atom(name, tuple([canonical_term(resolver, argument) for argument in arguments]))
 
 
-def _canonical_parameter(resolver: Resolver, parameter: Parameter) -> Parameter:
+def _canonical_parameter(resolver: NameResolver, parameter: Parameter) -> Parameter:
     if resolver.domain is None:
         return parameter
     return Parameter(parameter.name, tuple(map(resolver.domain.type_spelling, parameter.types)))

@@ -39,7 +39,7 @@ from kbstore.writing.formulas import (
     symbol_violations,
 )
 from kbstore.writing.object_handlers import ObjectHandlers
-from kbstore.writing.resolution import Resolver, Violations, naming, violations_of
+from kbstore.writing.resolution import NameResolver, Violations, naming, violations_of
 from kbstore.writing.timeline_state import TimelineState
 
 _NONE: Violations = ()
@@ -61,7 +61,7 @@ class Handlers:
         self._change_set = change_set
         self._repository = repository
         self._symbols = symbols
-        self.resolver = Resolver(change_set, symbols)
+        self.resolver = NameResolver(change_set, symbols)
         self._objects = ObjectHandlers(change_set, repository, self.resolver, on_removed_object)
         self._now = change_set.now
         self._put = change_set.put

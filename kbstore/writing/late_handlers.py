@@ -15,7 +15,7 @@ from kbstore.writing.change_set import ChangeSet
 from kbstore.writing.handlers import Handlers
 from kbstore.writing.lifespans import Lifespan
 from kbstore.writing.object_handlers import ObjectHandlers, meeting
-from kbstore.writing.resolution import Resolver, Violations
+from kbstore.writing.resolution import NameResolver, Violations
 from kbstore.writing.timeline_state import TimelineState
 
 Item = TypeVar("Item", KnowledgeItem, Goal)
@@ -220,7 +220,7 @@ class _Objects(ObjectHandlers):
         self,
         change_set: ChangeSet,
         repository: Repository,
-        resolver: Resolver,
+        resolver: NameResolver,
         on_removed: Callable[[str], None],
         until: int | None,
         collect: Callable[[TimelineState, Value, int], None],

@@ -11,7 +11,7 @@ from kbstore.names import is_wildcard, key
 from kbstore.storage.repository import Repository
 from kbstore.writing.change_set import ChangeSet
 from kbstore.writing.lifespans import Lifespan
-from kbstore.writing.resolution import Resolver, Violations
+from kbstore.writing.resolution import NameResolver, Violations
 from kbstore.writing.timeline_state import TimelineState
 
 
@@ -22,7 +22,7 @@ class ObjectHandlers:
         self,
         change_set: ChangeSet,
         repository: Repository,
-        resolver: Resolver,
+        resolver: NameResolver,
         on_removed: Callable[[str], None],
     ) -> None:
         self._change_set = change_set

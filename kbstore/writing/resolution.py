@@ -33,7 +33,7 @@ _forms_of: WeakKeyDictionary[Domain, dict[tuple[KnowledgeType, str], _Form]] = W
 """The forms of the symbols used so far, by domain: the same in all transactions."""
 
 
-class Resolver:
+class NameResolver:
     """Finds the timelines of atoms and objects in a change set. Without a domain it checks shapes only."""
 
     def __init__(self, change_set: ChangeSet, symbols: SymbolTable) -> None:

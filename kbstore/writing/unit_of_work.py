@@ -37,9 +37,6 @@ from kbstore.writing.resolution import Violations
 from kbstore.writing.updates import Batch, Item, Step, closed_world_violations, goals_in, items_in, problem_batch
 from kbstore.writing.working_state import WorkingState
 
-TOLERANCE = 1_000_000_000
-"""How far a clock may be behind the latest recorded time, in nanoseconds (rule T3)."""
-
 Result = TypeVar("Result")
 
 
@@ -60,7 +57,6 @@ class OpenTransaction:
         note: str = "",
         expect: int | None = None,
         validate: bool = True,
-        tolerance: int = TOLERANCE,
         guard: Callable[[], AbstractContextManager[None]] = nullcontext,
     ) -> None:
         for text, what in ((client, "client"), (note, "note")):
@@ -70,7 +66,6 @@ class OpenTransaction:
         self._note = note
         self._expect = expect
         self._validate = validate
-        self._tolerance = tolerance
         self._is_whole = True
         self._is_open = False
         self._loads: list[str] = []
@@ -95,7 +90,7 @@ class OpenTransaction:
                 f"transaction {self._head.number} has been committed, but nothing after {self._expect} was expected; "
                 "read the state again, and decide anew"
             )
-        self.now = reader.resolver.now_for_writing(self._head, self._tolerance)
+        self.now = reader.resolver.now_for_writing(self._head)
         stored = reader.symbol_table(self._repository, self._head, LogPosition(self.now))
         self._symbols = SymbolTable(stored.domain, dict(stored.shapes))
         self._stored_shapes = dict(stored.shapes)

@@ -1,12 +1,13 @@
 """Rules T1 to T5: what a time is, what now is, and that the past never changes."""
 
+from contextlib import nullcontext
 from datetime import UTC, datetime, timedelta, timezone
 from types import SimpleNamespace
 
 import pytest
 
 import kbstore
-from kbstore import seconds
+from kbstore import SystemClock, seconds
 from tests.conftest import START
 from tests.rules.reading import facts, picture, scheduled
 
@@ -356,3 +357,74 @@ def test_nothing_takes_effect_before_it_was_recorded(kb, clock):
     kb.add("(open wp0)", initial_time=START + 30)
     for pattern in ("(raining)", "(open ?)"):
         assert all(a.initial_time >= a.recorded.time for a in kb.history(pattern))
+
+
+@pytest.fixture
+def machine(monkeypatch):
+    """The machine's two clocks, which the test sets: `wall` and `measured`, in seconds."""
+    clocks = SimpleNamespace(wall=1_800_000_000, measured=50)
+    monkeypatch.setattr("time.time_ns", lambda: seconds(clocks.wall))
+    monkeypatch.setattr(SystemClock, "elapsed", staticmethod(lambda: seconds(clocks.measured)))
+    return clocks
+
+
+def pass_time(machine, wall, measured):
+    """Let time pass: by the wall clock, and as the machine measures it."""
+    machine.wall += wall
+    machine.measured += measured
+
+
+def test_a_clock_that_jumped_stores_nothing(open_kb, machine):
+    """T6: nine years by the wall clock within ten seconds are refused, until the clock is set right."""
+    kb = open_kb(clock=SystemClock())
+    number = kb.add("a - thing").number
+    pass_time(machine, 9 * 365 * 86_400, 10)
+    with pytest.raises(kbstore.ClockJumped, match="open the knowledge base anew"):
+        kb.add("b - thing")
+    machine.wall = 1_800_000_000 + 10
+    assert kb.add("b - thing").number == number + 1
+
+
+@pytest.mark.parametrize(("ahead", "jumps"), [(3600, False), (3601, True)])
+def test_the_largest_step_is_an_hour(open_kb, machine, ahead, jumps):
+    """T6: an hour more than what was measured since the last good reading is a correction; beyond, it is a jump."""
+    kb = open_kb(clock=SystemClock())
+    pass_time(machine, 100, 100)
+    kb.add("a - thing")
+    pass_time(machine, 7 + ahead, 7)
+    with pytest.raises(kbstore.ClockJumped) if jumps else nullcontext():
+        kb.add("b - thing")
+    assert kb.holds("b - thing") is not jumps
+
+
+def test_the_largest_step_can_be_set(open_kb, machine):
+    """T6: `max_step` is a duration."""
+    kb = open_kb(clock=SystemClock(), max_step=timedelta(seconds=5))
+    pass_time(machine, 6, 0)
+    with pytest.raises(kbstore.ClockJumped):
+        kb.add("a - thing")
+
+
+def test_a_suspended_machine_has_not_jumped(open_kb, machine):
+    """T6: two hours of suspension are measured, and the transaction is stored."""
+    kb = open_kb(clock=SystemClock())
+    kb.add("a - thing")
+    pass_time(machine, 7200, 7200)
+    assert kb.add("b - thing").time == seconds(machine.wall)
+
+
+def test_a_knowledge_base_that_is_opened_anew_takes_the_clock_as_it_is(open_kb, machine):
+    """T6: only what a process has read itself is compared."""
+    kb = open_kb("jumping", clock=SystemClock())
+    pass_time(machine, 86_400, 1)
+    with pytest.raises(kbstore.ClockJumped):
+        kb.add("a - thing")
+    assert open_kb("anew", clock=SystemClock()).add("a - thing").time == seconds(machine.wall)
+
+
+def test_other_clocks_may_jump(open_kb, clock):
+    """T6: a manual or simulated clock jumps as far as it likes."""
+    kb = open_kb()
+    kb.add("a - thing")
+    clock.advance(seconds(10 * 365 * 86_400))
+    assert kb.add("b - thing").changes == 1
