@@ -108,8 +108,8 @@ class Resolver:
         if ahead > self._max_step:
             raise ClockJumped(
                 f"the system clock says {isoformat(clock)}, {format_number(ahead / SECOND)} s more than the machine "
-                f"has measured since {isoformat(wall)}; nothing has been stored. Set the clock; if it is right now, open "
-                "the knowledge base anew, which takes the clock as it is"
+                f"has measured since {isoformat(wall)}; nothing has been stored. Set the clock; if it is right now, "
+                "open the knowledge base anew, which takes the clock as it is"
             )
         self._good = clock, elapsed
 
