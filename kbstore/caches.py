@@ -40,6 +40,10 @@ class LRU(dict[_Key, _Value], Generic[_Key, _Value]):
     an entry stays for at least as long as half of the bound is in use beside it, and reading the younger generation
     costs no more than reading a dict: ``cache[key]`` looks in both, and `get` in the younger one alone.
 
+    What is dropped is released little by little, as much as is put, so that Python uses its memory for that. States of
+    1,000 assertions that are released by the dozen would have its garbage collector look through all that are kept,
+    which takes as long as reading them.
+
     There is no lock: each step is atomic, and what threads do to each other costs an entry, or the exact bound. No
     value may be None.
 
@@ -48,7 +52,7 @@ class LRU(dict[_Key, _Value], Generic[_Key, _Value]):
         size: the size of a value; each counts 1 if it is not given.
     """
 
-    __slots__ = ("_bound", "_older", "_size", "_used")
+    __slots__ = ("_bound", "_dropped", "_older", "_size", "_used")
 
     def __init__(self, bound: int, size: Callable[[_Value], int] | None = None) -> None:
         super().__init__()
@@ -56,6 +60,7 @@ class LRU(dict[_Key, _Value], Generic[_Key, _Value]):
         self._size = size
         self._used = 0
         self._older: dict[_Key, _Value] = {}
+        self._dropped: dict[_Key, _Value] = {}
 
     def find(self, key: _Key) -> _Value | None:
         """The value of a key, None if it is not here (any more)."""
@@ -78,11 +83,23 @@ class LRU(dict[_Key, _Value], Generic[_Key, _Value]):
         if size > self._bound:
             return
         if self and self._used + size > self._bound // 2:
-            self._older = dict(self)
+            self._dropped, self._older = self._older, dict(self)
             super().clear()
             self._used = 0
         self._used += size
         self[key] = value
+        if self._dropped:
+            self._release(size)
+
+    def _release(self, room: int) -> None:
+        """Release of what has been dropped as much as takes some room."""
+        while room > 0 and self._dropped:
+            try:
+                _, value = self._dropped.popitem()
+            except KeyError:
+                # another thread was first
+                return
+            room -= 1 if self._size is None else self._size(value)
 
     def drop(self, is_stale: Callable[[_Key], bool]) -> None:
         """Forget the entries whose keys are stale."""
@@ -93,5 +110,5 @@ class LRU(dict[_Key, _Value], Generic[_Key, _Value]):
     def clear(self) -> None:
         """Forget everything."""
         super().clear()
-        self._older = {}
+        self._older, self._dropped = {}, {}
         self._used = 0

@@ -36,6 +36,23 @@ def test_it_never_holds_more_than_its_bound():
         assert sum(map(len, [*cache.values(), *cache._older.values()])) <= 30 + 13
 
 
+def test_what_is_dropped_is_released_little_by_little():
+    """Each new entry releases as much as it takes: no generation is released at once, and none is kept for long."""
+    released = []
+
+    class Entry(list):
+        def __del__(self):
+            released.append(len(self))
+
+    cache = LRU(100, size=len)
+    for number in range(60):
+        before = sum(released)
+        cache.put(number, Entry("x" * (number % 3 + 1)))
+        assert sum(released) - before <= 3 + 3
+        assert 2 * number - 100 - 6 <= sum(released)
+    assert sum(released) > 0
+
+
 def test_the_older_generation_is_found_by_find_and_by_index():
     """`find` and ``[]`` look in both generations; what is found there is young again."""
     cache = LRU(4)
