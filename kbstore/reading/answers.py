@@ -106,17 +106,20 @@ class Answers:
             timeline = prepared.timeline = found.get(prepared.key)
         t = self._resolver.read_clock() if at is None else at if type(at) is int else time(at)
         point = repository.value_at(prepared.kind, timeline, t)
-        if at is None and point is not None and point.time > t:
+        if at is None and point is not None and point[1] > t:
             # a caller always sees what it wrote, also where the clock is behind (rule T3)
-            t = point.time
+            t = point[1]
             point = repository.value_at(prepared.kind, timeline, t)
         if point is None:
             return None
+        token, latest, history_from, domain_version, last_run, end_time, initial_time = point[:7]
+        value = point[7:] if end_time is not None and end_time > t else None
         version = self._domains.latest
-        if not self._resolver.is_stored(point, t) or point.domain_version != version.version or t < version.time:
+        if domain_version != version.version or t < version.time:
             return None
-        value, end_time = point.value, point.end_time
-        if value is None and not self._is_plausible(prepared, repository, point.number, version.domain):
+        if not self._resolver.is_stored(t, latest, last_run, history_from):
+            return None
+        if value is None and not self._is_plausible(prepared, repository, token, version.domain):
             return None
         answer: _Answer
         if type(prepared) is PreparedCondition:
@@ -124,9 +127,9 @@ class Answers:
         elif value is None:
             return None
         else:
-            answer = Number(value[1], value[3], point.initial_time) if value[3] else value[1]
-        if value is None and look_ahead and timeline is not None:
-            end_time = repository.next_start(timeline, t, point.present)
+            answer = Number(value[1], value[3], initial_time) if value[3] else value[1]
+        if value is None:
+            end_time = OPEN if timeline is None or not look_ahead else repository.next_start(timeline, t)
         return t, end_time, answer
 
     def _from_state(
@@ -143,25 +146,25 @@ class Answers:
                 answer: _Answer = prepared.evaluate(world)
                 is_proven = prepared.proves_types and answer not in (Truth.FALSE, Truth.UNKNOWN)
             except KbStoreError:
-                self._check(prepared, repository, world, point.head.number)
+                self._check(prepared, repository, world, point.head.token)
                 raise
             if not is_proven:
-                self._check(prepared, repository, world, point.head.number)
+                self._check(prepared, repository, world, point.head.token)
             until = world.until if look_ahead and isinstance(world, LazyState) else point.valid_time
             return point.valid_time, until, answer
 
-    def _check(self, prepared: _Prepared, repository: Repository, world: Interpretation, number: int) -> None:
+    def _check(self, prepared: _Prepared, repository: Repository, world: Interpretation, token: int) -> None:
         """Raise `InvalidKnowledge` for a question that cannot be meant at the time of a world (rule V10)."""
-        if not self._is_plausible(prepared, repository, number, world.domain):
+        if not self._is_plausible(prepared, repository, token, world.domain):
             check_types(prepared.named, world.type_of, world.domain)
 
     @staticmethod
-    def _is_plausible(prepared: _Prepared, repository: Repository, number: int, domain: Domain | None) -> bool:
+    def _is_plausible(prepared: _Prepared, repository: Repository, token: int, domain: Domain | None) -> bool:
         """Whether no object that a question names has ever been of a type that its parameter excludes (rule V10).
 
         Looked up once for each transaction, and only where an answer depends on it: what holds fits.
         """
-        if not prepared.named or prepared.plausible_at == number:
+        if not prepared.named or prepared.plausible_at == token:
             return True
         timelines = repository.find(Role.STATE, KnowledgeType.INSTANCE, [use.name for use in prepared.named])
         if timelines:
@@ -171,5 +174,5 @@ class Answers:
             for use in prepared.named:
                 if domain is None or not all(domain.is_subtype(name, use.types) for name in types.get(use.name, ())):
                     return False
-        prepared.plausible_at = number
+        prepared.plausible_at = token
         return True

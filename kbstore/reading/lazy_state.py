@@ -125,8 +125,9 @@ class LazyState:
             return None
         found = self._repository.value_at(kind, timeline, self.time)
         assert found is not None, "a snapshot does not go back"
-        if found.value is None:
+        end_time, initial_time, *value = found[5:]
+        if end_time is None or end_time <= self.time:
             self._absent.append(timeline)
             return None
-        self._ends = min(self._ends, found.end_time)
-        return timeline, found.initial_time, found.value
+        self._ends = min(self._ends, end_time)
+        return timeline, initial_time, tuple(value)

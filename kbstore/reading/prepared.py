@@ -37,7 +37,7 @@ class PreparedCondition:
         timeline: that timeline, once it has been found.
         if_asserted, if_denied, if_absent: the truth where it asserts something, explicitly denies it, says nothing.
         named: the objects whose types decide whether it can be meant (rule V10).
-        plausible_at: the number of the transaction after which none of these had ever been of a wrong type.
+        plausible_at: the token of the transaction after which none of these had ever been of a wrong type.
         proves_types: whether they are of the right types where it is true: each of its atoms is true then.
     """
 

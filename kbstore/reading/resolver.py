@@ -11,7 +11,7 @@ from kbstore.clock import OPEN, SECOND, TIME_LIMIT, Clock, SystemClock, TimeLike
 from kbstore.errors import ClockJumped, ClockWentBackwards, HistoryUnavailable
 from kbstore.messages import format_number
 from kbstore.model.results import AsOf, Transaction
-from kbstore.storage.records import Head, LogPosition, RunRow, StoredPoint
+from kbstore.storage.records import Head, LogPosition, RunRow
 from kbstore.storage.repository import Repository
 
 TOLERANCE = SECOND
@@ -164,15 +164,17 @@ class Resolver:
         """Return the instant of a position in the log, as it was believed there."""
         return TemporalPoint(position.time, position, True, head, position, position, ())
 
-    def is_stored(self, head: Head | StoredPoint, t: int) -> bool:
+    def is_stored(self, t: int, latest: int, last_run: int, history_from: int) -> bool:
         """Whether the rows that are known now answer for a time, as can be told by the head alone.
+
+        Of that, `latest` is the time; `last_run` and `history_from` are called so there, too.
 
         `resolve` tells the same of every time, reading what runs where that matters, and refuses what cannot be
         answered.
         """
-        if t > head.time and (self.is_archive or (head.last_run and t > self.read_clock())):
+        if t > latest and (self.is_archive or (last_run and t > self.read_clock())):
             return False
-        return head.history_from <= t < TIME_LIMIT
+        return history_from <= t < TIME_LIMIT
 
     def resolve_span(
         self,

@@ -194,7 +194,8 @@ class LentConnections(PooledConnections):
 
     def _take(self) -> StoreConnection:
         lock = self._turn or getattr(self._local, "lock", None) or self._new_lock()
-        self._acquire(lock)
+        if not lock.acquire(blocking=False):
+            self._wait_for(lock)
         try:
             return self._connect(lock)
         except BaseException:

@@ -61,24 +61,13 @@ class StoredAssertion(NamedTuple):
     value: Value
 
 
-class StoredPoint(NamedTuple):
-    """What holds on one timeline at a time, and of the head what a question about it needs, as of the same commit.
+StoredPoint = tuple[Any, ...]
+"""What a question about one timeline at a time needs, as of one commit; a plain row, as it is read for each of them.
 
-    Attributes:
-        end_time: when that ends; `OPEN` where nothing holds, or no end is known.
-        value: None where nothing holds.
-    """
-
-    number: int
-    token: int
-    time: int
-    history_from: int
-    domain_version: int
-    last_run: int
-    present: int
-    end_time: int
-    initial_time: int
-    value: Value | None
+`token`, `time`, `history_from`, `domain_version` and `last_run` of the head; then of the latest assertion that begins
+no later `end_time`, `initial_time`, and the columns of its value. It holds if `end_time` is after the time that is
+asked about. Where there is none, `end_time` is None.
+"""
 
 
 class KnownAssertion(NamedTuple):

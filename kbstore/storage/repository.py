@@ -67,6 +67,14 @@ class Repository:
             self._look(Mark(self._head.number, self._head.token))
         return self._head
 
+    def _has_gone_back(self) -> bool:
+        """Whether the store has gone back since this was made, by its head as it is now."""
+        row = self._connection.first(queries.head, {"kb": self._kb})
+        if row is None:
+            raise self._memory.gone()
+        head = Head._make(row)
+        return self._look(Mark(head.number, head.token))
+
     def _look(self, now: Mark) -> bool:
         """Whether the store has gone back since this was made; what was remembered until then is forgotten."""
         if now == self._seen:
@@ -220,7 +228,7 @@ class Repository:
         return self._standing(kind, rows)
 
     def value_at(self, kind: KnowledgeType, timeline: Timeline | None, t: int) -> StoredPoint | None:
-        """What holds on one timeline at a time, with the head: one statement. Nothing holds on no timeline.
+        """What tells what holds on one timeline at a time, with the head: one statement. Nothing holds on no timeline.
 
         None where the store has gone back since this was made: the timeline may be another one now.
         """
@@ -228,19 +236,11 @@ class Repository:
         row = self._connection.look_up(for_kind[kind].point, self._kb, id, t, self._kb)
         if row is None:
             raise self._memory.gone()
-        if row[1] != self._seen.token and self._look(Mark(row[0], row[1])):
-            return None
-        end = row[7]
-        if end is None or end <= t:
-            return StoredPoint._make((*row[:7], OPEN, 0, None))
-        return StoredPoint._make((*row[:9], row[9:]))
+        return None if row[0] != self._seen.token and self._has_gone_back() else row
 
-    def next_start(self, timeline: Timeline, t: int, present: int | None = None) -> int:
-        """When the next assertion on a timeline begins after a time; `OPEN` if none is scheduled.
-
-        `present` is that of the head, where it has been read.
-        """
-        if not (self.head().present if present is None else present) & PRESENT_SCHEDULES:
+    def next_start(self, timeline: Timeline, t: int) -> int:
+        """When the next assertion on a timeline begins after a time; `OPEN` if none is scheduled."""
+        if not self.head().present & PRESENT_SCHEDULES:
             return OPEN
         parameters = {"kb": self._kb, "timeline": timeline.id, "t": t}
         row = self._connection.first(for_kind[timeline.kind].next_start, parameters)
