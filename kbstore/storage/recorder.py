@@ -36,7 +36,12 @@ class Recorder:
         present = before.present | sum(1 << kind for kind in set(added))
         token = secrets.randbits(_TOKEN_BITS)
         with connection.together():
-            self._add_timelines(changes)
+            if changes.timelines:
+                self._add_timelines(changes.timelines)
+            if changes.mentions:
+                # in the order of their index, which is built in half the time
+                mentions = sorted((about.id, timeline.id) for about, timeline in changes.mentions)
+                connection.many(queries.add_mention, [(kb, about, timeline) for about, timeline in mentions])
             last_timeline = before.timeline + len(changes.timelines)
             row = (kb, changes.changes, self._number, self._now, token, last_timeline, changes.late_from, client, note)
             connection.many(queries.add_transaction, [row])
@@ -50,7 +55,8 @@ class Recorder:
             self._add_assertions(changes)
             connection.many(queries.add_revision, self._revisions)
             connection.many(queries.add_schedule, self._schedules)
-            self._write_runs(changes)
+            if changes.runs or changes.ended_runs:
+                self._write_runs(changes)
             head = before._replace(
                 number=self._number,
                 time=self._now,
@@ -104,10 +110,12 @@ class Recorder:
                 settled.append((end, level(row.initial_time, end), kb, row.recorded_tx, row.seq))
                 self._revise(kind, row, Revision.SETTLED)
             connection.many(for_kind[kind].settle, settled)
-        underived = [(kb, row.recorded_tx, row.seq) for row in changes.underived]
-        connection.many(for_kind[KnowledgeType.FUNCTION].delete, underived)
-        connection.many(queries.delete_schedule, underived)
-        connection.many(queries.settle_rate, [(rate, kb, row.recorded_tx, row.seq) for row, rate in changes.rates])
+        if changes.underived:
+            underived = [(kb, row.recorded_tx, row.seq) for row in changes.underived]
+            connection.many(for_kind[KnowledgeType.FUNCTION].delete, underived)
+            connection.many(queries.delete_schedule, underived)
+        if changes.rates:
+            connection.many(queries.settle_rate, [(rate, kb, row.recorded_tx, row.seq) for row, rate in changes.rates])
 
     def _add_assertions(self, changes: RowChanges) -> None:
         seq = 0
@@ -143,14 +151,11 @@ class Recorder:
 
     # -- the rest ---------------------------------------------------------------------------------------------
 
-    def _add_timelines(self, changes: RowChanges) -> None:
-        """New timelines, numbered on from the last, and what they mention."""
-        for id, timeline in enumerate(changes.timelines, self._head.timeline + 1):
+    def _add_timelines(self, timelines: Sequence[Timeline]) -> None:
+        """New timelines, numbered on from the last."""
+        for id, timeline in enumerate(timelines, self._head.timeline + 1):
             timeline.id = id
-        self._connection.many(queries.add_timeline, [_timeline_row(self._kb, new) for new in changes.timelines])
-        # in the order of their index, which is built in half the time
-        mentions = sorted((about.id, timeline.id) for about, timeline in changes.mentions)
-        self._connection.many(queries.add_mention, [(self._kb, about, timeline) for about, timeline in mentions])
+        self._connection.many(queries.add_timeline, [_timeline_row(self._kb, new) for new in timelines])
 
     def _write_runs(self, changes: RowChanges) -> None:
         connection, kb = self._connection, self._kb

@@ -1,7 +1,9 @@
 """What the repository reads and writes: rows of the store, as plain values."""
 
 from collections import defaultdict
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, NamedTuple
 
 from kbstore.clock import OPEN
@@ -191,8 +193,7 @@ class SymbolRow(NamedTuple):
     labels: str
 
 
-def _by_kind() -> Any:
-    return defaultdict(list)
+_by_kind: Callable[[], Any] = partial(defaultdict, list)
 
 
 @dataclass

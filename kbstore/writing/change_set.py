@@ -22,7 +22,7 @@ from kbstore.writing.timeline_state import Copy, TimelineState
 
 Mentions = Callable[[Timeline, Value], Sequence[str]]
 
-_GROUPS = tuple((role, kind) for role in Role for kind in KnowledgeType)
+_Group = tuple[Role, KnowledgeType]
 
 
 class ChangeSet:
@@ -33,9 +33,9 @@ class ChangeSet:
         self._repository = repository
         self.mentions = mentions
         """Which objects an assertion mentions, by key."""
-        self._groups: dict[tuple[Role, KnowledgeType], dict[str, TimelineState]] = {group: {} for group in _GROUPS}
+        self._groups: dict[_Group, dict[str, TimelineState]] = defaultdict(dict)
         self._by_id: dict[int, TimelineState] = {}
-        self._absent: dict[tuple[Role, KnowledgeType], set[str]] = {group: set() for group in _GROUPS}
+        self._absent: dict[_Group, set[str]] = defaultdict(set)
         self._new: list[TimelineState] = []
         self.objects_changed = 0
         """How often the existence of an object has changed here."""
@@ -121,7 +121,7 @@ class ChangeSet:
 
     def states(self) -> Iterable[TimelineState]:
         """All timelines that have been touched."""
-        return chain.from_iterable(group.values() for group in self._groups.values())
+        return chain.from_iterable(self._groups[group].values() for group in sorted(self._groups))
 
     # -- changes ----------------------------------------------------------------------------------------------
 

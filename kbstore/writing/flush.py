@@ -69,9 +69,12 @@ class Flush:
         writes.timelines = list(new)
 
     def _all_scheduled_objects(self) -> list[TimelineState]:
-        stored = self._set.loaded(self._repository.timelines_of(self._repository.scheduled_objects(self._now)))
-        objects = self._objects.values()
-        return list(dict.fromkeys((*stored, *(track for track in objects if track.ahead))))
+        found = [track for track in self._objects.values() if track.ahead]
+        ids = self._repository.scheduled_objects(self._now)
+        if not ids:
+            return found
+        stored = self._set.loaded(self._repository.timelines_of(ids))
+        return list(dict.fromkeys((*stored, *found)))
 
     def _finish_track(self, track: TimelineState, ends: dict[str, list[int]]) -> None:
         writes = self._writes
