@@ -41,8 +41,14 @@ class ChangeSet:
         """How often the existence of an object has changed here."""
         self._mentioning: dict[str, list[TimelineState]] = {}
         self._journal: dict[TimelineState, Copy] = {}
-        self.past = Past(self, repository)
+        self.late_from = OPEN
+        """The earliest past time about which something was changed."""
+
+    @property
+    def past(self) -> Past:
         """What is known of the time before now."""
+        # made anew: kept, it would make a circle, and a transaction's memory wait for the garbage collector
+        return Past(self, self._repository)
 
     # -- timelines --------------------------------------------------------------------------------------------
 

@@ -43,7 +43,7 @@ class Flush:
             self._finish_track(track, ends)
         self._note_new()
         if writes.late or writes.supersedes:
-            writes.late_from = self._set.past.late_from
+            writes.late_from = self._set.late_from
         return writes
 
     def _note_new(self) -> None:

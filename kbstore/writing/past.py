@@ -24,8 +24,6 @@ class Past:
         self._change_set = change_set
         self._repository = repository
         self._now = change_set.now
-        self.late_from = OPEN
-        """The earliest time about which something was changed."""
 
     # -- what is known ----------------------------------------------------------------------------------------
 
@@ -153,7 +151,7 @@ class Past:
     def _edit(self, state: TimelineState, pieces: Sequence[Piece], since: int, cause: EndCause) -> None:
         """Let this be known of a timeline."""
         self._change_set.touch(state)
-        self.late_from = min(self.late_from, since)
+        self._change_set.late_from = min(self._change_set.late_from, since)
         begun = sorted(piece for piece in pieces if piece.start <= self._now)
         assert state.past is not None
         past = [piece._replace(end=min(piece.end, self._now)) for piece in begun if piece.start < self._now]
