@@ -190,7 +190,8 @@ class StoreConnection(ABC):
             raise self._failure(error) from error
         self._has_written = False
         self.in_transaction = True
-        self._log_wait(started)
+        if write:
+            self._log_wait(started)
 
     @abstractmethod
     def _beginning(self, *, write: bool) -> tuple[str, dict[str, Any]]:

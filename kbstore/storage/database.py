@@ -49,6 +49,7 @@ class Database:
         self.schema = schema
         self.engine = self._connections.engine
         self.dialect = self.engine.dialect.name
+        self._errors = DBAPIError, PoolTimeout, self.engine.dialect.loaded_dbapi.Error
         self.can_remember = isinstance(self._connections, ThreadConnections)
         """Whether connections can tell that nobody has committed."""
         self.checkout = self._connections.checkout
@@ -67,15 +68,19 @@ class Database:
     @contextmanager
     def read(self) -> Iterator[StoreConnection]:
         """A connection on one snapshot of the store; within a transaction of this thread, that transaction's."""
-        with self.connect() as connection, self.wrap_errors():
-            if connection.in_transaction:
-                yield connection
-                return
-            connection.begin(write=False)
+        with self.connect() as connection:
+            # not within `wrap_errors`, which as a generator would take a microsecond of each question
             try:
-                yield connection
-            finally:
-                connection.rollback()
+                if connection.in_transaction:
+                    yield connection
+                    return
+                connection.begin(write=False)
+                try:
+                    yield connection
+                finally:
+                    connection.rollback()
+            except self._errors as error:
+                raise self._connections.failure(error) from error
 
     @contextmanager
     def begin(self, borrowed: sa.Connection | None = None) -> Iterator[StoreConnection]:
@@ -122,7 +127,7 @@ class Database:
         """Raise errors of SQLAlchemy and of the driver as `StoreUnavailable` with what to do."""
         try:
             yield
-        except (DBAPIError, PoolTimeout, self.engine.dialect.loaded_dbapi.Error) as error:
+        except self._errors as error:
             raise self._connections.failure(error) from error
 
 
