@@ -186,7 +186,7 @@ class Explainer:
         upto = None if state.belief is None else self._reader.resolver.last_number(repository, state.belief)
         rows = repository.history(kind, [timeline], state.at, state.at + 1, upto)
         known = [row for row in rows if row.is_known]
-        if not known:
+        if not known and not head.history_from:
             # what late knowledge took away altogether
             known = [row for row in rows if row.superseded is not None]
         if not known and head.history_from:

@@ -33,8 +33,10 @@ PATTERNS = ("(lit)", "(open ?)", "(near ? ?)", "(cost)", "(battery ?)", "? - pla
 CONDITIONS = ("(lit)", "(not (open a))", "(>= (cost) 4)", "(exists (?p - place) (near r ?p))")
 
 
-def live(kb, clock: ManualClock, seed: int, steps: int) -> Iterator[int]:
+def live(kb, clock: ManualClock, seed: int, steps: int, *, late: bool = False) -> Iterator[int]:
     """Live step by step, always the same way for a seed; yields the time of each step, before it is done.
+
+    With `late`, every other step tells of the past.
 
     What is scheduled, and what runs, is ahead of the clock by some seconds, so that it is cut by any later time.
     """
@@ -46,7 +48,10 @@ def live(kb, clock: ManualClock, seed: int, steps: int) -> Iterator[int]:
         clock.advance(chance.choice((0, 0, 1, seconds(1), seconds(2))))
         yield clock.now()
         try:
-            _step(kb, chance, clock.now())
+            if late and chance.random() < 0.5:
+                _late_step(kb, chance, clock.now())
+            else:
+                _step(kb, chance, clock.now())
         except KbStoreError:
             # refused by a rule, as it would be anywhere
             continue
@@ -89,6 +94,23 @@ def _step(kb, chance: random.Random, now: int) -> None:
             kb.add("(> (cost) 1)" if chance.random() < 0.5 else "(not (> (cost) 1))", "(lit)")
 
 
+def _late_step(kb, chance: random.Random, now: int) -> None:
+    atom, function, item = chance.choice(ATOMS), chance.choice(FUNCTIONS), chance.choice(OBJECTS)
+    since = max(START, kb.history_from, now - chance.choice((1, seconds(1), seconds(3), seconds(6))))
+    span = {"since": since, "until": chance.choice((None, now, max(since + 1, now - 1)))}
+    match chance.randrange(6):
+        case 0 | 1:
+            kb.add(atom if chance.random() < 0.6 else f"(not {atom})", **span, client="late")
+        case 2:
+            kb.add(f"(= {function} {chance.choice((7, 9.5))})", **span)
+        case 3:
+            kb.remove(chance.choice((atom, "(open ?)", "(near ? ?)", function)), **span)
+        case 4:
+            (kb.add if chance.random() < 0.5 else kb.remove)(item, **span)
+        case _:
+            (kb.add_goal if chance.random() < 0.7 else kb.remove_goal)(chance.choice(GOALS), **span)
+
+
 def picture(state) -> dict[str, object]:
     """All that a state says."""
 
@@ -110,13 +132,14 @@ def picture(state) -> dict[str, object]:
 
 def assertion(found) -> tuple[object, ...]:
     """All that an assertion says."""
-    return str(found.item), found.initial_time, found.end_time, found.recorded, found.ended, found.cancelled
+    transactions = found.recorded, found.ended, found.cancelled, found.superseded
+    return str(found.item), found.initial_time, found.end_time, *transactions
 
 
 def change(found) -> tuple[object, ...]:
     """All that a change says."""
-    parts = (sorted(map(repr, map(assertion, part))) for part in (found.asserted, found.ended, found.cancelled))
-    return found.number, found.time, found.transaction, *parts
+    parts = found.asserted, found.ended, found.cancelled, found.superseded
+    return found.number, found.time, found.transaction, *(sorted(map(repr, map(assertion, part))) for part in parts)
 
 
 def answers(kb, since: int, until: int, last: int = 0, *, expected: bool = True) -> dict[object, object]:
@@ -136,6 +159,10 @@ def answers(kb, since: int, until: int, last: int = 0, *, expected: bool = True)
     end = None if expected else until
     found |= {pattern: list(map(assertion, kb.history(pattern, since, end))) for pattern in PATTERNS}
     found |= {(condition, "when"): kb.when(condition, since, until) for condition in CONDITIONS}
+    for belief in beliefs[1::2]:
+        span = since, min(until, belief)
+        found |= {(pattern, belief): list(map(assertion, kb.history(pattern, *span, belief))) for pattern in PATTERNS}
+        found |= {(condition, "when", belief): kb.when(condition, *span, belief) for condition in CONDITIONS}
     found["diff"] = str(kb.diff(since, until))
     found["changes"] = list(map(change, changes))
     return found

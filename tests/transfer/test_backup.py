@@ -40,7 +40,7 @@ def test_a_backup_answers_as_the_store(url, tmp_path):
     for seed in (21, 22):
         clock = ManualClock(START)
         with kbstore.open(url, f"kb{seed}", clock=clock, use_unknowns=seed == 22) as kb:
-            for _ in live(kb, clock, seed, 20):
+            for _ in live(kb, clock, seed, 20, late=True):
                 pass
             expected[kb.name] = clock, answers(kb, 0, clock.now())
     assert kbstore.backup(url, tmp_path / "copy.db") == tmp_path / "copy.db"
