@@ -119,16 +119,17 @@ class Recorder:
 
     def _add_assertions(self, changes: RowChanges) -> None:
         seq = 0
+        for kind, late in changes.late.items():
+            rows = [self._late_row(seq + place, new) for place, new in enumerate(late)]
+            seq += len(rows)
+            self._connection.many(for_kind[kind].add_late, rows)
+        # what is derived may be deleted, and comes last
         derived = {KnowledgeType.FUNCTION: changes.derived} if changes.derived else {}
         for is_derived, by_kind in ((False, changes.adds), (True, derived)):
             for kind, added in by_kind.items():
                 rows = [self._row(kind, seq + place, is_derived, *new) for place, new in enumerate(added)]
                 seq += len(rows)
                 self._connection.many(for_kind[kind].add, rows)
-        for kind, late in changes.late.items():
-            rows = [self._late_row(seq + place, new) for place, new in enumerate(late)]
-            seq += len(rows)
-            self._connection.many(for_kind[kind].add_late, rows)
 
     def _row(
         self, kind: KnowledgeType, seq: int, is_derived: bool, timeline: Timeline, start: int, end: int, value: Value

@@ -92,25 +92,28 @@ def history(table: str, own: Columns, role: int = STATE) -> str:
 
     An end that nobody had to write is the beginning of the next assertion, or the end of an object.
     """
-    # of those that begin when it ends, the first to be recorded; all but one of them are of no length
+    # of those that begin when it ends, the first to be recorded: the others are of no length, or late knowledge took
+    # them away, or put them there later
     beginning_then = (
         f"SELECT q.recorded_tx FROM {table} q"
         " WHERE q.kb_id = f.kb_id AND q.timeline_id = f.timeline_id AND q.initial_time = f.end_time"
     )
     next_tx = (
         f"(SELECT min(q.recorded_tx) FROM ({beginning_then} AND q.retired_tx IS NULL"
-        f" UNION ALL {beginning_then} AND q.retired_tx IS NOT NULL AND q.level = {EMPTY} AND q.ended_tx IS NOT NULL) q)"
+        f" UNION ALL {beginning_then} AND q.retired_tx IS NOT NULL AND q.retired_tx > f.recorded_tx"
+        f" AND NOT (q.level = {EMPTY} AND q.ended_tx IS NULL)) q)"
     )
     is_cancelled = f"f.level = {EMPTY} AND f.ended_tx IS NULL"
     # the transaction that ended it, or that recorded what ended it by the clock: the next one, or an object's end
-    # what is known now and began at a time is found by the index of beginnings, on each level
-    levels = ", ".join(map(str, range(OPEN_LEVEL + 1)))
+    # what began at a time is found by the index of beginnings, on each level; what was superseded, on the negative ones
+    levels = ", ".join(map(str, range(-1 - OPEN_LEVEL, OPEN_LEVEL + 1)))
     sqlite = op.get_context().dialect.name == "sqlite"
     by_begin, by_key = (f" INDEXED BY {name}" if sqlite else "" for name in ("ix_instances_begin", "ux_timelines_key"))
     ender = (
         f"CASE WHEN {is_cancelled} THEN NULL ELSE coalesce(f.ended_tx, {next_tx}, (SELECT min(o.recorded_tx)"
         f" FROM instances o{by_begin} CROSS JOIN mentions m"
         f" WHERE o.kb_id = f.kb_id AND o.level IN ({levels}) AND o.initial_time = f.end_time AND o.is_negative"
+        " AND (o.retired_tx IS NULL OR o.retired_tx > f.recorded_tx)"
         " AND m.kb_id = f.kb_id AND m.object_id = o.timeline_id AND m.timeline_id = f.timeline_id)) END"
     )
     columns: Columns = {

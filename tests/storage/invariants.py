@@ -58,6 +58,9 @@ def violations(execute, kb):
     columns = "last_number, last_time, last_token, last_timeline, present"
     number, latest, token, last_timeline, present = execute(f"SELECT {columns} FROM heads WHERE kb_id = {kb}")[0]
     told = execute(f"SELECT number, recorded_time, token, last_timeline FROM transactions WHERE kb_id = {kb}")
+    late = dict(execute(f"SELECT number, late_from FROM transactions WHERE kb_id = {kb} AND late_from IS NOT NULL"))
+    last_late = execute(f"SELECT last_late FROM heads WHERE kb_id = {kb}")[0][0]
+    expect(last_late == max(late, default=0), "the head does not know of the last late knowledge")
     times = {row[0]: row[1] for row in told}
     expect(sorted(times) == list(range(1, number + 1)), "numbers have gaps:", sorted(times), "last", number)
     expect(all(times[a] <= times[b] for a, b in pairwise(sorted(times))), "time runs backwards")
@@ -88,8 +91,11 @@ def violations(execute, kb):
                 # what is derived comes last in its transaction, and may have been deleted
                 seqs.setdefault(row.recorded_tx, []).append(row.seq)
             expect(row.key not in derived or table == "functions", row, "is derived")
-            _check_row(row, times, expect)
-            _check_schedule(row, kind, scheduled.pop(row.key, None), times, expect)
+            is_late = row.initial_time < times[row.recorded_tx]
+            expect(not is_late or row.recorded_tx in late, row, "is late, but its transaction is not")
+            expect(row.told_tx is None or (is_late and row.told_tx < row.recorded_tx), row, "was not told before")
+            _check_row(row, times, is_late, expect)
+            _check_schedule(row, kind, scheduled.pop(row.key, None), times, is_late, expect)
             _check_revisions(row, kind, revised.pop(row.key, ()), expect)
             if row.retired_tx is None:
                 standing.setdefault((table, row.timeline_id), []).append(row)
@@ -134,7 +140,7 @@ def violations(execute, kb):
     return found
 
 
-def _check_row(row, times, expect):
+def _check_row(row, times, is_late, expect):
     """What concerns a row alone, and the transactions that touched it."""
     expect(row.initial_time <= row.end_time, row, "ends before it begins")
     expected = level(row.initial_time, row.end_time)
@@ -148,15 +154,16 @@ def _check_row(row, times, expect):
         expect(row.retired_tx == row.ended_tx, row, "was retired otherwise than by its end")
     expect((row.ended_tx is None) == (row.end_cause is None), row, "ended without a cause")
     if row.ended_tx is not None:
-        expect(row.end_time == times[row.ended_tx], row, "did not end with its transaction")
+        # what is left of a row before late knowledge ends in the past
+        expect(is_late or row.end_time == times[row.ended_tx], row, "did not end with its transaction")
         expect(row.end_cause in (1, 2, 3, 4, 5), row, "ended for no known cause")
 
 
-def _check_schedule(row, kind, scheduled, times, expect):
+def _check_schedule(row, kind, scheduled, times, is_late, expect):
     """A row that was recorded ahead of its time has one in `schedules`, and no other has."""
     recorded = times[row.recorded_tx]
     if scheduled is None:
-        expect(row.initial_time == recorded, row, "is not of its transaction's time", recorded)
+        expect(is_late or row.initial_time == recorded, row, "is not of its transaction's time", recorded)
         expect(not row.is_cancelled, row, "took effect and was cancelled")
         return
     until = times[row.retired_tx] if row.is_cancelled else row.initial_time
@@ -169,11 +176,13 @@ def _check_revisions(row, kind, revisions, expect):
     """The revisions of a row fit what became of it."""
     expect(all(found[1] == kind for found in revisions), row, "was revised as another kind")
     whats = [what for _, _, what, _ in revisions]
-    expect(all(what == SETTLED for what in whats[:-1]), row, "was revised after its end:", whats)
+    is_superseded = row.retired_tx is not None and not row.is_cancelled and not row.is_emptied
+    before = [CUT_SHORT] if is_superseded and whats[-2:-1] == [CUT_SHORT] else []
+    expect(whats[: len(whats) - 1 - len(before)] == [SETTLED] * (len(whats) - 1 - len(before)), row, "after:", whats)
     last = whats[-1] if whats else SETTLED
-    expected = CANCELLED if row.is_cancelled else EMPTIED if row.is_emptied else None
+    expected = CANCELLED if row.is_cancelled else EMPTIED if row.is_emptied else SUPERSEDED if is_superseded else None
     expect(expected in (None, last), row, "was retired without a revision")
-    expect((last in (CANCELLED, EMPTIED)) == (expected is not None), row, "has a revision, and was not retired")
+    expect((last in (CANCELLED, EMPTIED, SUPERSEDED)) == (expected is not None), row, "revised, and not retired")
     if last == CUT_SHORT:
         expect(revisions[-1][0] == row.ended_tx and revisions[-1][3] > row.end_time, row, "was not cut short")
 

@@ -33,13 +33,18 @@ OTHERS = ("(> (cost) 3)", "minimize (battery kenny)", "minimize (cost)")
 PATTERNS = ("(near ? wp0)", "(open ?)", "wp0", "kenny", "(not (wp1 - place))")
 ENDS = ("(not (wp0 - place))", "(not (wp1 - place))", "(not (kenny - robot))")
 DELAYS = (None, None, None, 2, 3, 4, 6)
+LATE = ("late", "late", "late", "late", "late end", "late end")
 ACTIONS = tuple((robot, place) for robot in ("kenny", "rita") for place in ("wp0", "wp1"))
 
 
 def steps(choose):
     """A step of a transaction: what to do, with what, after how many seconds; `choose` takes one of several."""
-    kind = choose((*["add"] * 12, "change", *["remove"] * 5, "goal", *["start"] * 3, "end", "end", "abort", "clear"))
+    kind = choose(
+        (*["add"] * 12, "change", *["remove"] * 5, "goal", *["start"] * 3, "end", "end", "abort", "clear", *LATE)
+    )
     match kind:
+        case "late" | "late end":
+            return kind, choose((*OBJECTS, *SIGNED, *SIGNED, *NUMBERS)), (choose(range(1, 12)), choose((None, 1, 3)))
         case "add":
             return kind, choose((*OBJECTS, *ENDS, *SIGNED, *NUMBERS, *NUMBERS, *OTHERS)), choose(DELAYS)
         case "change":
@@ -63,6 +68,12 @@ def sequences(choose):
 
 def take_step(transaction, step, now):
     kind, what, delay = step
+    if kind.startswith("late"):
+        ago, length = delay
+        since = max(START, now - seconds(ago))
+        until = None if length is None else min(now, since + seconds(length))
+        (transaction.add if kind == "late" else transaction.remove)(what, since=since, until=until)
+        return
     t = None if delay is None else now + seconds(delay)
     match kind:
         case "add":

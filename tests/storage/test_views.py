@@ -14,10 +14,10 @@ RUNS = """
   (:durative-action hum :parameters () :duration (>= ?duration 8) :condition () :effect ()))
 """
 
-SAME = "recorded_tx, ended_tx, cancelled_tx, initial_ns, end_ns"
+SAME = "recorded_tx, ended_tx, cancelled_tx, superseded_tx, initial_ns, end_ns"
 
 
-@pytest.fixture(params=range(6))
+@pytest.fixture(params=range(8))
 def told(request, open_kb, clock):
     """A knowledge base after a random life, and what reads its views."""
     kb = open_kb()
@@ -32,7 +32,7 @@ def told(request, open_kb, clock):
 
 def numbers(assertion):
     """What `SAME` names, as the knowledge base tells it."""
-    transactions = (assertion.recorded, assertion.ended, assertion.cancelled)
+    transactions = (assertion.recorded, assertion.ended, assertion.cancelled, assertion.superseded)
     return (
         *(None if transaction is None else transaction.number for transaction in transactions),
         assertion.initial_time,
