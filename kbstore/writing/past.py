@@ -10,7 +10,7 @@ from kbstore.model.timelines import EndCause, Value
 from kbstore.storage.records import KnownAssertion
 from kbstore.storage.repository import Repository
 from kbstore.writing.lifespans import Lifespan, joined, lost_time
-from kbstore.writing.pieces import Ended, Piece, cut, next_change, numbers_in
+from kbstore.writing.pieces import Ended, Piece, cut, is_carried_on, next_change, numbers_in
 from kbstore.writing.timeline_state import KnownPast, TimelineState
 
 if TYPE_CHECKING:
@@ -83,8 +83,10 @@ class Past:
         span = [piece for piece in pieces if piece.overlaps(since, end)]
         late = [Piece(since, end, value)]
         if kind is KnowledgeType.FUNCTION:
-            late = numbers_in(pieces, value, since, end)
-        if _is_known(kind, span, late, since, until):
+            late = numbers_in([*pieces, *self._taken_away(state, since, end)], value, since, end)
+        before = next((piece for piece in pieces if piece.end == since), None)
+        began = [piece for piece in span if before is None or not is_carried_on(before, piece, kind)]
+        if _is_known(kind, began if until is None else span, late, since, until):
             return
         if until is not None:
             ended: Ended | None = (None, EndCause.REMOVED if end == until else EndCause.OBJECT)
@@ -184,6 +186,15 @@ class Past:
             if end == self._now and about.is_ended_now(self._now):
                 return None, EndCause.OBJECT
         return None
+
+    def _taken_away(self, state: TimelineState, start: int, end: int) -> list[Piece]:
+        """What is not known any more of a timeline in a span, the latest first."""
+        assert state.past is not None
+        timelines = [state.timeline] if state.timeline.id else []
+        rows = self._repository.history(state.timeline.kind, timelines, start, min(end, self._now))
+        superseded = sorted((row for row in rows if row.superseded), key=lambda row: row.superseded or 0, reverse=True)
+        pieces = [Piece(row.initial_time, row.end_time, row.value) for row in superseded]
+        return [_piece(row, OPEN) for row in state.past.rows] + pieces
 
     def exists_throughout(self, state: TimelineState, since: int, until: int) -> bool:
         """Whether an object exists in all of a span."""

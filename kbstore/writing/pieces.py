@@ -72,17 +72,19 @@ def is_carried_on(piece: Piece, following: Piece, kind: KnowledgeType) -> bool:
 
 
 def numbers_in(pieces: Sequence[Piece], value: Value, start: int, end: int) -> list[Piece]:
-    """A number that is told late, with what actions had added to its rate in ``[start, end)`` (rule L6)."""
-    found = [Piece(start, end, (*value[:3], value[2]))]
-    for piece in pieces:
-        if not piece.overlaps(start, end):
-            continue
-        added = piece.value[3] - piece.value[2]
-        begin, last = max(start, piece.start), found[-1]
-        moving = (*last.value_at(KnowledgeType.FUNCTION, begin)[:3], value[2] + added)
-        if begin == last.start:
-            found[-1] = last._replace(value=moving)
-        elif moving[3] != last.value[3]:
-            found[-1] = last._replace(end=begin)
-            found.append(Piece(begin, end, moving))
+    """A number that is told late, with what actions had added to its rate in ``[start, end)`` (rule L6).
+
+    Of `pieces` that overlap, the first that has a time tells; what has been taken away since then may come last.
+    """
+    times = {t for piece in pieces for t in (piece.start, piece.end) if start < t < end}
+    found: list[Piece] = []
+    for t in sorted({start} | times):
+        told = next((piece for piece in pieces if piece.start <= t < piece.end), None)
+        added = 0.0 if told is None else told.value[3] - told.value[2]
+        if not found:
+            found.append(Piece(start, end, (*value[:3], value[2] + added)))
+        elif found[-1].value[3] != value[2] + added:
+            moved = found[-1].value_at(KnowledgeType.FUNCTION, t)
+            found[-1] = found[-1]._replace(end=t)
+            found.append(Piece(t, end, (*moved[:3], value[2] + added)))
     return found

@@ -193,6 +193,19 @@ class Missions(RuleBasedStateMachine):
         at = self._now() + ahead * HALF if ahead else 0
         self._write(replace(update, at=at))
 
+    @rule(
+        tick=ticks,
+        update=told,
+        ago=st.integers(1, 8),
+        length=st.sampled_from([None, None, 1, 3]),
+        aside=st.integers(0, 1),
+    )
+    def tell_late(self, tick, update, ago, length, aside):
+        self.clock.advance(tick)
+        since = max(0, self._now() - ago * HALF - aside)
+        until = None if length is None else min(self._now(), since + length * HALF)
+        self._write(replace(update, since=since, until=until))
+
     @rule(tick=ticks, start=starts, duration=st.integers(1, 8), force=st.sampled_from([False, False, False, True]))
     def start(self, tick, start, duration, force):
         self.clock.advance(tick)
@@ -243,6 +256,8 @@ class Missions(RuleBasedStateMachine):
                 getattr(self.kb, update.what)(self.runs[item])
         elif update.what == "clear":
             self.kb.clear()
+        elif update.since is not None:
+            getattr(self.kb, update.what)(translation.sent(item), since=update.since, until=update.until)
         else:
             getattr(self.kb, update.what)(translation.sent(item), initial_time=update.at)
 
@@ -264,5 +279,5 @@ class Missions(RuleBasedStateMachine):
 
 
 def test_missions_in_the_store_and_in_the_reference_agree(open_kb):
-    """O1 to O3, C7, C9, C12: starts, ends, aborts, contributions to rates, and expectations."""
+    """O1 to O3, C7, C9, C12, L6, L7: starts, ends, aborts, contributions to rates, expectations, late knowledge."""
     run_state_machine_as_test(lambda: Missions(open_kb), settings=SETTINGS)
