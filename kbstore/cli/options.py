@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Annotated
 
 import typer
@@ -11,7 +11,7 @@ import kbstore
 from kbstore.cli import completion
 from kbstore.cli.times import parse_time
 from kbstore.clock import Clock, ManualClock, SystemClock
-from kbstore.errors import InvalidTime, KbStoreError, StoreUnavailable
+from kbstore.errors import InvalidTime, KbStoreError, StoreUnavailable, StoreWentBack
 from kbstore.knowledge_base import KnowledgeBase
 from kbstore.model.results import Transaction
 
@@ -134,10 +134,12 @@ def belief(text: str | None, kb: KnowledgeBase) -> int | Transaction | None:
     if numbered is None:
         return at_time(text, kb)
     number = int(numbered[1])
-    change = next(kb.changes(after=number - 1), None) if number else None
-    if change is None or change.number != number:
-        raise InvalidTime(f"{kb.name} has no transaction {number}; kbstore changes lists them")
-    return change.transaction
+    with suppress(StoreWentBack):
+        for change in kb.changes(after=number - 1) if number else ():
+            if change.number == number:
+                return change.transaction
+            break
+    raise InvalidTime(f"{kb.name} has no transaction {number}; kbstore changes lists them")
 
 
 def _named(name: str | None, names: list[str], place: str) -> str:
