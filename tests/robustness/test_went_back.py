@@ -303,7 +303,8 @@ def test_a_file_that_was_copied_back(tmp_path, opened):
     kbstore.backup(path, saved)
     kb.add(*rooms("r")[0])
     kb.add(*rooms("r")[1])
-    kb._database._connections._drop(kb._database._connections._mine())
+    connections = kb._database._connections
+    connections._drop(connections._local.connection)
     for suffix in ("-wal", "-shm"):
         path.with_name(path.name + suffix).unlink(missing_ok=True)
     shutil.copyfile(saved, path)
