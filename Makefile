@@ -5,7 +5,7 @@ INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --ed
 .PHONY: demo test test-browser lint bench
 
 demo: .venv/runtime
-	$(BIN)/python -m kbstore.demo
+	$(BIN)/python -m kbstore.cli.demo
 
 test: .venv/dev
 	$(BIN)/python -m pytest -n auto

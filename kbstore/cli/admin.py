@@ -9,11 +9,11 @@ from typing import Annotated
 import typer
 
 import kbstore
+from kbstore.cli.demo import mission, tour
 from kbstore.cli.options import TIMES, AsOf, At, Json, Kb, Now, Url, asked, at_time, belief, store, told
 from kbstore.cli.output import answer, json_line, working
 from kbstore.cli.times import parse_time
 from kbstore.clock import ManualClock, isoformat
-from kbstore.demo import mission, tour
 from kbstore.knowledge_base import KnowledgeBase
 from kbstore.model.plain import plain, times
 from kbstore.model.results import Transaction

@@ -8,7 +8,6 @@ and any other is evaluated on as much of the state as it reads (`kbstore.reading
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from kbstore.caches import LRU
 from kbstore.clock import OPEN, Clock, TimeLike, time
 from kbstore.errors import KbStoreError
 from kbstore.evaluation.argument_types import check_types
@@ -22,6 +21,7 @@ from kbstore.reading.lazy_state import LazyState
 from kbstore.reading.prepared import PreparedCondition, PreparedExpression, question_key
 from kbstore.reading.questions import Question
 from kbstore.reading.reader import Reader
+from kbstore.storage.caches import LRU
 from kbstore.storage.repository import Repository
 
 _Prepared = PreparedCondition | PreparedExpression

@@ -3,7 +3,6 @@
 from collections.abc import Hashable, Iterable, Iterator
 from typing import Protocol, cast, get_args
 
-from kbstore.caches import LRU, QUESTIONS
 from kbstore.evaluation import expressions
 from kbstore.evaluation.argument_types import named_arguments
 from kbstore.evaluation.evaluator import Evaluation
@@ -18,6 +17,7 @@ from kbstore.model.symbols import SymbolTable
 from kbstore.model.timelines import Timeline, atom_key
 from kbstore.names import is_wildcard, key
 from kbstore.reading.questions import Question, as_condition, as_expression
+from kbstore.storage.caches import LRU, QUESTIONS
 
 _FORMULAS = get_args(Formula)
 
@@ -115,7 +115,7 @@ class PreparedExpression:
 
 
 class PreparedQuestions:
-    """Prepares the questions asked of one knowledge base, and keeps them for the next time (`kbstore.caches`).
+    """Prepares the questions asked of one knowledge base, and keeps them for the next time (`kbstore.storage.caches`).
 
     Attributes:
         conditions, expressions: by domain and question (see `question_key`).

@@ -5,7 +5,6 @@ from contextlib import contextmanager
 from copy import copy
 from typing import TYPE_CHECKING, NamedTuple
 
-from kbstore.caches import ASSERTIONS, LRU, TIMELINES
 from kbstore.clock import OPEN, SECOND, Clock
 from kbstore.evaluation.snapshot import Snapshot, StateRow
 from kbstore.messages import Condition, KnowledgeItem, KnowledgeType
@@ -25,6 +24,7 @@ from kbstore.reading.questions import Question
 from kbstore.reading.resolver import MAX_STEP, TOLERANCE, Resolver, TemporalPoint
 from kbstore.reading.state import State
 from kbstore.reading.state_data import StateData
+from kbstore.storage.caches import ASSERTIONS, LRU, TIMELINES
 from kbstore.storage.database import Database
 from kbstore.storage.memory import StoreMemory
 from kbstore.storage.records import Head, LogPosition, RunRow

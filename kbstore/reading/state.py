@@ -5,7 +5,6 @@ from collections.abc import Callable, Iterable, Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, TypeVar, cast
 
-from kbstore.caches import LRU, STATE_ANSWERS
 from kbstore.clock import isoformat
 from kbstore.conversion import MessageDomain
 from kbstore.errors import KbStoreError
@@ -35,6 +34,7 @@ from kbstore.reading.prepared import PreparedQuestions
 from kbstore.reading.query import bindings
 from kbstore.reading.questions import Question, as_item
 from kbstore.reading.state_data import StateData
+from kbstore.storage.caches import LRU, STATE_ANSWERS
 from kbstore.storage.records import LogPosition
 
 if TYPE_CHECKING:

@@ -14,8 +14,8 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from typing import Any, NamedTuple
 
-from kbstore.caches import ANSWERS, LRU
 from kbstore.errors import StoreUnavailable
+from kbstore.storage.caches import ANSWERS, LRU
 from kbstore.storage.driver_errors import unavailable
 from kbstore.storage.statements import Lookup, Statement
 

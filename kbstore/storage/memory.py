@@ -11,10 +11,10 @@ from collections import defaultdict
 from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
-from kbstore.caches import LRU, TIMELINES
 from kbstore.errors import StoreWentBack
 from kbstore.messages import KnowledgeType
 from kbstore.model.timelines import Role, Timeline
+from kbstore.storage.caches import LRU, TIMELINES
 from kbstore.storage.connection import LOG
 from kbstore.storage.records import Head
 

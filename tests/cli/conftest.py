@@ -8,7 +8,7 @@ import pytest
 from typer.testing import CliRunner
 
 from kbstore.cli.app import app
-from kbstore.demo.mission import record
+from kbstore.cli.demo.mission import record
 
 
 @dataclass(frozen=True)

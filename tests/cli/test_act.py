@@ -3,7 +3,7 @@
 import pytest
 
 import kbstore
-from kbstore.demo import mission
+from kbstore.cli.demo import mission
 
 NINE = "2026-05-04T09:00:00Z"
 

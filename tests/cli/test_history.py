@@ -6,7 +6,7 @@ import json
 from rich.console import Console
 
 import kbstore
-from kbstore.demo.mission import moment
+from kbstore.cli.demo.mission import moment
 from kbstore.report import records
 
 

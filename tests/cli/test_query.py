@@ -2,7 +2,7 @@
 
 import pytest
 
-from kbstore.demo.mission import moment
+from kbstore.cli.demo.mission import moment
 
 ALARM = "2026-05-04T09:02:00Z"
 BEFORE = "2026-05-04T09:00:45Z"

@@ -2,7 +2,7 @@
 
 import pytest
 
-from kbstore.demo.mission import record
+from kbstore.cli.demo.mission import record
 
 
 @pytest.fixture(scope="session")

@@ -5,8 +5,8 @@ Driving takes 2 s a metre and costs 0.25 percent a second; charging gives 0.5 pe
 
 import pytest
 
+from kbstore.cli.demo.mission import END, NAME, START, moment
 from kbstore.clock import seconds
-from kbstore.demo.mission import END, NAME, START, moment
 from kbstore.messages import Truth
 
 

@@ -10,14 +10,14 @@ import pytest
 from rich.console import Console
 
 import kbstore
-from kbstore.demo import tour
+from kbstore.cli.demo import tour
 
 
 @pytest.fixture(scope="module")
 def shown(tmp_path_factory):
     """A run in a process and an empty directory of its own: its output and the directory."""
     directory = tmp_path_factory.mktemp("demo")
-    call = [sys.executable, "-m", "kbstore.demo"]
+    call = [sys.executable, "-m", "kbstore.cli.demo"]
     done = subprocess.run(call, cwd=directory, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, "")
     return done.stdout, directory
@@ -82,7 +82,7 @@ def test_an_existing_file_is_refused_in_one_line(tmp_path):
     """A file that is there already is not touched: one line on standard error, exit 2."""
     file = tmp_path / "mine.db"
     file.write_text("mine")
-    call = [sys.executable, "-m", "kbstore.demo", str(file)]
+    call = [sys.executable, "-m", "kbstore.cli.demo", str(file)]
     done = subprocess.run(call, capture_output=True, text=True, check=False)
     assert done.returncode == 2
     assert done.stdout == ""

@@ -2,8 +2,8 @@
 
 import re
 
+from kbstore.cli.demo.mission import START, record
 from kbstore.clock import SECOND
-from kbstore.demo.mission import START, record
 from tests.docs.blocks import ROOT
 
 FILL = {"#cfe8d5": True, "#f3cdcd": False, "#eeeeee": False}

@@ -5,7 +5,7 @@ import re
 import pytest
 import sqlalchemy as sa
 
-from kbstore.demo.mission import record
+from kbstore.cli.demo.mission import record
 from kbstore.storage import schema
 from tests.docs.blocks import ROOT, blocks
 

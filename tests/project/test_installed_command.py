@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from kbstore.demo import mission
+from kbstore.cli.demo import mission
 from kbstore.storage import schema
 
 

@@ -13,7 +13,7 @@ LAYERS = (
     ("clock", "names"),
     ("messages",),
     ("model",),
-    ("caches", "conversion", "evaluation"),
+    ("conversion", "evaluation"),
     ("pddl",),
     ("planning", "interop"),
     ("storage",),
@@ -24,7 +24,6 @@ LAYERS = (
     ("knowledge_base",),
     ("api",),
     ("__init__",),
-    ("demo",),
     ("cli",),
 )
 """From what everything may use to the faces; what stands together in a layer knows nothing of each other."""
@@ -43,7 +42,7 @@ LONG = {
 """Modules of more lines, each with why it is not split."""
 
 DRIVERS = {"sqlite3", "sqlalchemy", "psycopg", "alembic"}
-NAMED = {"kbstore.api": {"Engine", "URL"}, "kbstore.demo.tour": {"sqlite3"}}
+NAMED = {"kbstore.api": {"Engine", "URL"}, "kbstore.cli.demo.tour": {"sqlite3"}}
 """What is imported of them elsewhere: the types of what a store is named by; the tour asks by SQL, as people do."""
 
 SQL = re.compile(

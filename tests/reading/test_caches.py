@@ -2,7 +2,7 @@
 
 import pytest
 
-from kbstore.caches import LRU
+from kbstore.storage.caches import LRU
 
 
 def test_the_least_recently_used_goes_first():

@@ -6,8 +6,8 @@ import pytest
 
 import kbstore
 from kbstore import seconds
+from kbstore.cli.demo.mission import moment, record
 from kbstore.clock import ManualClock
-from kbstore.demo.mission import moment, record
 from kbstore.report.timeline.data import timeline_data
 from kbstore.report.timeline.text import TextTimeline
 from tests.timeline.worlds import START, pairs, said, world

@@ -5,8 +5,8 @@ import re
 
 import pytest
 
+from kbstore.cli.demo.mission import moment, record
 from kbstore.clock import seconds
-from kbstore.demo.mission import moment, record
 from kbstore.report.timeline.page import as_json, page
 from tests.project.conftest import ROOT
 

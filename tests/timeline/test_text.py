@@ -5,7 +5,7 @@ import io
 import pytest
 from rich.console import Console
 
-from kbstore.demo.mission import moment, record
+from kbstore.cli.demo.mission import moment, record
 from kbstore.report.timeline.data import timeline_data
 from kbstore.report.timeline.text import TextTimeline
 

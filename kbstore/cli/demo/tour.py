@@ -14,7 +14,7 @@ from rich.padding import Padding
 from rich.rule import Rule
 from rich.text import Text
 
-from kbstore.demo.mission import END, NAME, START, moment, record
+from kbstore.cli.demo.mission import END, NAME, START, moment, record
 from kbstore.errors import StoreUnavailable
 from kbstore.knowledge_base import KnowledgeBase
 from kbstore.messages import format_number

@@ -1,16 +1,16 @@
-"""``python -m kbstore.demo [FILE]``."""
+"""``python -m kbstore.cli.demo [FILE]``."""
 
 import argparse
 import sys
 from pathlib import Path
 
-from kbstore.demo.tour import run
+from kbstore.cli.demo.tour import run
 from kbstore.errors import KbStoreError
 
 
 def main() -> int:
     """Run the demonstration; returns the exit code."""
-    parser = argparse.ArgumentParser(prog="python -m kbstore.demo", description="A robot's morning, and questions.")
+    parser = argparse.ArgumentParser(prog="python -m kbstore.cli.demo", description="A robot's morning, and questions.")
     parser.add_argument("file", nargs="?", type=Path, help="the SQLite file to create (default: a new one here)")
     try:
         run(parser.parse_args().file)
