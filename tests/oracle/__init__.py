@@ -1,4 +1,4 @@
-"""A deliberately naive knowledge base: a list of transactions, replayed from the start for each question.
+"""A deliberately naive knowledge base: a list of transactions, and what is believed after each of them.
 
 It is written from the rules alone, shares no code with kbstore, and prefers being obviously right to being fast:
 what stands is a dictionary, what is scheduled is a dictionary, and time is walked forward one scheduled moment after

@@ -1,7 +1,6 @@
 """Late knowledge in a transaction: what is known of the past is edited (rules L1 to L8)."""
 
 from collections.abc import Callable, Iterator
-from copy import deepcopy
 from dataclasses import dataclass, replace
 
 from tests.oracle.draft import Draft
@@ -226,7 +225,7 @@ class Corrections(Draft):
 
 def expected_ends(world: World) -> dict[int, Told]:
     """Each assertion as it would be if nothing more were told, by the identity of the one in the world."""
-    later = deepcopy(world)
+    later = world.copy()
     later.expecting = True
     later.advance(FOREVER)
     return {id(told): as_expected for told, as_expected in zip(world.told, later.told, strict=True)}

@@ -68,11 +68,18 @@ class Change:
 
 
 class Reference:
-    """A knowledge base that remembers only its transactions."""
+    """A knowledge base that remembers its transactions, and what is believed after each, which nobody changes."""
 
     def __init__(self, use_unknowns: bool = False) -> None:
         self.events: list[Event] = []
         self.use_unknowns = use_unknowns
+        self.worlds = [World(use_unknowns=use_unknowns)]
+
+    def before(self, number: int) -> "Reference":
+        """The knowledge base as it was before a transaction."""
+        past = Reference(self.use_unknowns)
+        past.events, past.worlds = self.events[: number - 1], self.worlds[:number]
+        return past
 
     @property
     def latest(self) -> Event:
@@ -93,6 +100,7 @@ class Reference:
         changes = overlay.finish(event.number)
         if changes:
             self.events.append(event)
+            self.worlds.append(overlay.world)
         return changes
 
     def tried(self, event: Event) -> Overlay:
@@ -103,15 +111,9 @@ class Reference:
         return overlay
 
     def world(self, until: int = FOREVER, number: int = FOREVER) -> World:
-        """What is believed after the transactions up to a time and a number, replayed from the first."""
-        world = World(use_unknowns=self.use_unknowns)
-        for event in self.events:
-            if event.time <= until and event.number <= number:
-                overlay = Overlay(world, event.time)
-                for update in event.updates:
-                    overlay.apply(update)
-                overlay.finish(event.number)
-        return world
+        """What is believed after the transactions up to a time and a number: a world of the caller's own."""
+        past = sum(event.time <= until and event.number <= number for event in self.events)
+        return self.worlds[past].copy()
 
     # -- questions --------------------------------------------------------------------------------------------
 

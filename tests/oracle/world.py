@@ -1,12 +1,23 @@
 """What is believed after some transactions, and what becomes of it as time passes."""
 
 from dataclasses import dataclass, field
+from typing import TypeVar
 
 from tests.oracle.items import SECOND, Fact, Item, Number, Object, RefDomain, Start, Term, Timeline
 
 
 class Unsettled(Exception):
     """The rules do not say what this transaction does, so that nothing can be expected of it."""
+
+
+Mutable = TypeVar("Mutable", "Told", "Running")
+
+
+def _twin(one: Mutable) -> Mutable:
+    """A copy of one object, quicker than by the module `copy`."""
+    twin = object.__new__(type(one))
+    twin.__dict__.update(one.__dict__)
+    return twin
 
 
 @dataclass(eq=False)
@@ -75,6 +86,19 @@ class World:
     domains: list[tuple[int, RefDomain | None]] = field(default_factory=lambda: [(0, None)])
     use_unknowns: bool = False
     expecting: bool = False
+
+    def copy(self) -> "World":
+        """An equal world, which may change without changing this one."""
+        twins = {told: _twin(told) for told in self.told}
+        return World(
+            list(twins.values()),
+            {line: twins[told] for line, told in self.standing.items()},
+            {key: twins[told] for key, told in self.pending.items()},
+            [_twin(run) for run in self.runs],
+            list(self.domains),
+            self.use_unknowns,
+            self.expecting,
+        )
 
     @property
     def domain(self) -> RefDomain | None:

@@ -61,7 +61,7 @@ class Agreement(RuleBasedStateMachine):
         self.kb = None
         self.transactions = {}
         self.seen = {}
-        self.before = []
+        self.next_number = 1
         self.sound = True
 
     # -- beginning and end ------------------------------------------------------------------------------------
@@ -256,7 +256,7 @@ class Agreement(RuleBasedStateMachine):
     def _write_both(self, updates, how):
         if any(isinstance(update.item, Condition) for update in updates):
             how = "transaction"  # a condition is text, and takes its time from the call
-        self.before = list(self.reference.events)
+        self.next_number = self.reference.latest.number + 1
         try:
             changes = self.reference.write(self.clock.now(), updates)
         except Unsettled:
@@ -299,8 +299,7 @@ class Agreement(RuleBasedStateMachine):
 
     def _compare_own_writes(self, tx, updates):
         """Inside a transaction its own writes are seen, as long as nothing is wrong with them."""
-        past = Reference()
-        past.events = self.before
+        past = self.reference.before(self.next_number)
         now = past.now(self.clock.now())
         overlay = past.tried(Event(past.latest.number + 1, now, tuple(updates)))
         if overlay.violations or overlay.failures:
