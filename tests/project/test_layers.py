@@ -24,6 +24,7 @@ LAYERS = (
     ("knowledge_base",),
     ("api",),
     ("__init__",),
+    ("ros",),
     ("cli",),
 )
 """From what everything may use to the faces; what stands together in a layer knows nothing of each other."""
