@@ -407,7 +407,7 @@ class KnowledgeBase:
         return self._answers.truth(question, at, as_of)
 
     def holds(self, question: Question, at: TimeLike | None = None, as_of: AsOf | None = None) -> bool:
-        """Whether a fact or condition is true at a time."""
+        """Return whether a fact or condition is true at a time."""
         return self._answers.truth(question, at, as_of) is Truth.TRUE
 
     def value(self, question: Question, at: TimeLike | None = None, as_of: AsOf | None = None) -> float:
@@ -479,7 +479,7 @@ class KnowledgeBase:
         return cast("list[Function]", items)
 
     def timed_knowledge(self, name: str = "", at: TimeLike | None = None) -> list[KnowledgeItem]:
-        """What was scheduled, and takes effect after the time; of one predicate or function, or all."""
+        """Return the items scheduled to take effect after the time, of one predicate or function, or of all."""
         state = self.state(at)
         if name and state.domain is not None:
             state.domain.symbol(name)
@@ -560,7 +560,7 @@ class KnowledgeBase:
         return strict_domain(self.domain) if strict_names else write_domain(self.domain)
 
     def constraints(self, at: TimeLike | None = None) -> list[str]:
-        """What problems said that no item can carry, in PDDL: `State.constraints` (rule P4)."""
+        """Return the parts of problems that no item can carry, in PDDL: `State.constraints` (rule P4)."""
         return self.state(at).constraints
 
     def to_problem(self, at: TimeLike | None = None, as_of: AsOf | None = None) -> Any:
@@ -743,7 +743,7 @@ class KnowledgeBase:
     def applicable(
         self, operator: str, *arguments: str, at: TimeLike | None = None, duration: DurationLike | None = None
     ) -> Applicability:
-        """Whether an operator can be applied at a time, and which conditions fail since when (rules O1, O7).
+        """Return whether an operator can be applied at a time, and which conditions fail since when (rules O1, O7).
 
         `duration` is as in `start`; the domain's constraints on it are among the conditions.
         """

@@ -55,19 +55,19 @@ class NameMapping(Mapping[str, _Value]):
 
 
 def is_wildcard(name: str) -> bool:
-    """Whether an argument of a question or a removal matches any object: ``?``, ``?name`` or empty (rule V7)."""
+    """Return whether an argument of a question or a removal matches any object: ``?``, ``?name`` or empty (rule V7)."""
     return not name or name[0] == "?"
 
 
 def matches(pattern: Sequence[str], names: Sequence[str]) -> bool:
-    """Whether a pattern matches names, both as keys: they are as many, and each is the same or has a wildcard."""
+    """Return whether a pattern matches names, both as keys: as many, and each the same or a wildcard."""
     return len(pattern) == len(names) and all(
         is_wildcard(wanted) or wanted == name for wanted, name in zip(pattern, names, strict=True)
     )
 
 
 def problem(name: str) -> str | None:
-    """What is wrong with a name in knowledge, as the end of a sentence that begins with the name; None if nothing.
+    """Return what is wrong with a name, as the end of a sentence that begins with the name; None if nothing.
 
     Accepts PDDL names, and what message-based clients send beyond them as long as PDDL text with it can be
     read back.
@@ -102,7 +102,7 @@ _UNSTORABLE = re.compile("[\x00\ud800-\udfff]")
 
 
 def unstorable(text: str) -> int | None:
-    """Where a text has what no store takes: a NUL, or half a surrogate pair; None if it has neither."""
+    """Return the index of a character that no store takes: a NUL, or half a surrogate pair; None if there is none."""
     found = _UNSTORABLE.search(text)
     return None if found is None else found.start()
 

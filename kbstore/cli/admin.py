@@ -27,7 +27,7 @@ Output = Annotated[
 
 
 class Format(StrEnum):
-    """What `export` writes."""
+    """The formats that `export` writes."""
 
     PDDL = "pddl"
     JSON = "json"

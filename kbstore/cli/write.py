@@ -223,7 +223,7 @@ def _domain_and_problem(files: list[Path]) -> tuple[Path | None, Path | None]:
 
 
 def _is_problem(path: Path) -> bool:
-    """Whether a file begins like a problem; the domain reader judges any other."""
+    """Return whether a file begins like a problem; the domain reader judges any other."""
     with path.open(encoding="utf-8", errors="replace") as file:
         start = re.sub(r";[^\n]*", "", file.read(100_000))
     return re.match(r"\s*\(\s*define\s*\(\s*problem\b", start, re.IGNORECASE) is not None

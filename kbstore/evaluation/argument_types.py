@@ -14,7 +14,7 @@ from kbstore.model.formulas import Atom, Comparison, Defined, Formula, Types, Va
 from kbstore.names import is_wildcard, key
 
 MOST_ARGUMENTS = 5
-"""Of how many arguments other orders are tried to find out what was meant."""
+"""The most arguments of which other orders are tried to find out what was meant."""
 
 TypeOf = Callable[[str], str | None]
 """The type of an object, both as keys; None where it does not exist."""

@@ -82,7 +82,7 @@ def _deciding(evaluation: Evaluation, condition: Formula, bindings: Bindings) ->
 def _of_parts(
     evaluation: Evaluation, parts: tuple[Formula, ...], decisive: Truth, bindings: Bindings
 ) -> Iterator[tuple[Formula, Truth]]:
-    """What decides a disjunction, where TRUE is decisive, or a conjunction, where FALSE is."""
+    """Evaluate a disjunction, where TRUE is decisive, or a conjunction, where FALSE is."""
     truths = [evaluation.evaluate(part, bindings) for part in parts]
     if decisive in truths:
         yield from _deciding(evaluation, parts[truths.index(decisive)], bindings)

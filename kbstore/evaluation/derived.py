@@ -67,11 +67,11 @@ class Derived:
         return self._known[name]
 
     def exist(self, wanted: Pattern) -> bool:
-        """Whether the objects that a pattern names exist."""
+        """Return whether the objects that a pattern names exist."""
         return all(self._world.type_of(name) is not None for name in wanted if name is not None)
 
     def _matches_some(self, name: str, wanted: Pattern) -> bool:
-        """Whether there are objects for all wildcards of a pattern."""
+        """Return whether there are objects for all wildcards of a pattern."""
         ranges = self._program.ranges[name]
         return all(self._objects(types) for types, value in zip(ranges, wanted, strict=True) if value is None)
 
@@ -182,5 +182,5 @@ class Derived:
 
 
 def _is_loose(argument: str, clause: Clause) -> bool:
-    """Whether an argument of a clause matches any object."""
+    """Return whether an argument of a clause matches any object."""
     return is_wildcard(argument) and not is_variable(argument, clause.variables)

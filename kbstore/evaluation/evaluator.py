@@ -92,7 +92,7 @@ class Evaluation:
                 return Truth.TRUE
 
     def instance(self, quantified: Exists | Forall, bindings: Bindings) -> tuple[Truth, Bindings]:
-        """Whether a quantifier has a decisive instance: a witness of `Exists`, a counterexample to `Forall`.
+        """Return whether a quantifier has a decisive instance: a witness of `Exists`, a counterexample to `Forall`.
 
         With TRUE come the bindings of the first one.
         """
@@ -182,7 +182,7 @@ class Evaluation:
         return Truth.FALSE if self._all_denied(atom, wanted) else Truth.UNKNOWN
 
     def _all_denied(self, atom: Atom, wanted: Pattern) -> bool:
-        """Whether a pattern is explicitly false of all objects that it matches.
+        """Return whether a pattern is explicitly false of all objects that it matches.
 
         Without a domain nobody knows all objects, so that it never is.
         """
@@ -194,7 +194,7 @@ class Evaluation:
         return combinations == sum(self._fits(atom, wanted, row) for row in denied)
 
     def _fits(self, atom: Atom, wanted: Pattern, row: Arguments) -> bool:
-        """Whether the objects of a row exist and are of the parameters' types, where the pattern has wildcards."""
+        """Return whether the objects of a row for wildcards exist and are of the parameters' types."""
         domain = self.world.domain
         if domain is None:
             return True
@@ -203,7 +203,7 @@ class Evaluation:
         return all(self._is_a(name, types) is Truth.TRUE for name, types in zip(wild, types_of_wild, strict=True))
 
     def _is_a(self, name: str | None, types: Types) -> Truth:
-        """Whether an object, or some object, exists and is of one of the types."""
+        """Return whether an object, or some object, exists and is of one of the types."""
         if name is None:
             return Truth.of(bool(self.objects(types)))
         if self.world.domain is None and types != ("object",):

@@ -1,4 +1,4 @@
-"""What a formula is evaluated against: an interpretation at one time, or a trajectory over a span.
+"""Protocols for evaluating formulas: an interpretation at one time, or a trajectory over a span.
 
 All names that go in and come out are keys (`kbstore.names.key`). Both are protocols because what holds can come
 from a state in memory, from single rows of the database, or from a state with the effects of an action on top.
@@ -30,7 +30,7 @@ class Number:
 
 
 class Interpretation(Protocol):
-    """What holds at one time."""
+    """The facts, numbers and objects at one time."""
 
     @property
     def time(self) -> int:
@@ -61,14 +61,14 @@ class Interpretation(Protocol):
 
 
 class ListedInterpretation(Interpretation, Protocol):
-    """What holds at one time, in a state that also lists what is defined."""
+    """An interpretation that also lists what is defined."""
 
     def defined(self, name: str) -> Iterable[Arguments]:
         """The arguments for which a numeric function is defined."""
 
 
 class IndexedInterpretation(Interpretation, Protocol):
-    """What holds at one time, in a store that finds facts by any of their objects."""
+    """An interpretation that finds facts by any of their objects."""
 
     def matching(self, name: str, wanted: tuple[str | None, ...]) -> Iterable[tuple[Arguments, bool]]:
         """The facts of a predicate that have the given arguments, at least one of them, each with its sign."""
@@ -79,7 +79,7 @@ Span = tuple[int, int]
 
 
 class Trajectory(Protocol):
-    """What holds over a span of time, under one domain.
+    """The facts, numbers and objects over a span of time, under one domain.
 
     Pieces are in order of time, do not overlap, and are clipped to the span; where there is none, nothing holds.
     """
@@ -112,4 +112,4 @@ class Trajectory(Protocol):
         """
 
     def lifespan(self, name: str) -> Sequence[tuple[int, int, str]]:
-        """When one object exists, and of which type; a constant exists for the whole span."""
+        """Return the spans in which an object exists, each with its type; a constant exists for the whole span."""

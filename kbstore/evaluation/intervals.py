@@ -29,7 +29,7 @@ class Intervals(list[Span]):
 
     @property
     def total(self) -> int:
-        """How long it is true altogether, in nanoseconds."""
+        """The total time for which it is true, in nanoseconds."""
         return sum(end - start for start, end in self)
 
     def to_dicts(self) -> list[Data]:
@@ -37,7 +37,7 @@ class Intervals(list[Span]):
         return [times(start=start, end=end) for start, end in self]
 
     def always(self, span: Span) -> bool:
-        """Whether it is true throughout a span; an empty span lies within anything."""
+        """Return whether it is true throughout a span; an empty span lies within anything."""
         start, end = span
         return start >= end or any(a <= start and end <= b for a, b in self)
 

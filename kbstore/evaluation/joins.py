@@ -34,7 +34,7 @@ class Relation:
 
     @property
     def cost(self) -> int:
-        """How many rows it takes to read all of it, as far as that is known."""
+        """The number of rows that reading all of it takes, as far as that is known."""
         return len(self)
 
     def __contains__(self, row: Arguments) -> bool:
@@ -192,7 +192,7 @@ def guards(condition: Formula, positive: bool = True) -> Iterator[Atom]:
 
 
 def is_variable(argument: str, variables: Collection[str]) -> bool:
-    """Whether an argument is one of the variables."""
+    """Return whether an argument is one of the variables."""
     return is_wildcard(argument) and key(argument[1:]) in variables
 
 

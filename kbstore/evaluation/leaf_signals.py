@@ -51,7 +51,7 @@ class LeafSignals:
         )
 
     def defined(self, function: Atom, bindings: Bindings) -> Signal:
-        """Where a function is defined; with wildcards, of some objects that match."""
+        """Return the signal of a function being defined; with wildcards, for some objects that match."""
         name, wanted = key(function.name), pattern(function, bindings)
         domain = self._trajectory.domain
         ranges = wild_types(wanted, domain.function_signatures.get(name) if domain else None)
@@ -64,7 +64,7 @@ class LeafSignals:
         return self._any(found)
 
     def is_a(self, name: str | None, types: Types) -> Signal:
-        """Where an object, or some object, exists and is of one of the types."""
+        """Return the signal of an object, or some object, existing with one of the types."""
         if name is None:
             return self._any([self.presence(each, types) for each in self.objects(types)])
         domain = self._trajectory.domain
@@ -74,7 +74,7 @@ class LeafSignals:
         return self._spans((start, end) for start, end, kind in lifespan if domain.is_subtype(kind, types))
 
     def presence(self, name: str, types: Types) -> Signal:
-        """Where an object exists and is of one of the types, from what is known of all objects of these types."""
+        """Return the same for one object, from the lifespans of all objects of these types."""
         return self._spans(self.objects(types).get(name, ()))
 
     def objects(self, types: Types) -> Mapping[str, Sequence[Span]]:
@@ -101,7 +101,7 @@ class LeafSignals:
         )
 
     def _matching(self, name: str, wanted: Pattern, sign: bool) -> Iterator[Signal]:
-        """Where each row that matches has a sign, and the objects in place of the wildcards exist."""
+        """Yield, for each row that matches, the signal of its sign while the objects for the wildcards exist."""
         known = self._trajectory.all_signs(name)
         if name not in self._relations:
             self._relations[name] = Relation(known)

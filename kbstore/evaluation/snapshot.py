@@ -89,7 +89,7 @@ class Snapshot:
 
 
 def is_of(domain: Domain | None, type_name: str, wanted: Sequence[str]) -> bool:
-    """Whether a type is one of those wanted, or below one."""
+    """Return whether a type is one of those wanted, or below one."""
     if domain is not None:
         return domain.is_subtype(type_name, wanted)
     names = {key(name) for name in wanted}

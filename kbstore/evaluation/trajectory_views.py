@@ -46,7 +46,7 @@ class CachedTrajectory:
         return _remembered(self._lifespans, wanted, lambda: self._trajectory.lifespans(wanted))
 
     def lifespan(self, name: str) -> Sequence[tuple[int, int, str]]:
-        """When one object exists, and of which type."""
+        """Return the spans in which an object exists, each with its type."""
         return _remembered(self._existence, name, lambda: self._trajectory.lifespan(name))
 
 

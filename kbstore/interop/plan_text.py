@@ -40,13 +40,13 @@ _COSTED = re.compile(r"([A-Za-z][^\s()\[\]]*+)((?:\s++[^\s()\[\]]++)*+)\s++\(\d+
 _LIKE_A_STEP = re.compile(r"[-+]?[\d.][\d.e+-]*+\s*+:\s*+\(|\(\s*+[^\s\d()|]|step\s++\d++\s*+:", re.I)
 """The beginning of a line that is meant to be a step."""
 _NO_ACTION = re.compile(r"[\d.]++\s*+:\s*+(?:-+\s*waiting\s*-+|@PlanEND)", re.I)
-"""What ENHSP prints between the actions of a PDDL+ plan."""
+"""The line that ENHSP prints between the actions of a PDDL+ plan."""
 _NEW_PLAN = re.compile(
     r";;;; Solution Found|^; Plan found with metric|^(?:\[t=[^\]]*\] )?Solution found[!.]?$|found legal plan as follows"
     r"|^Found Plan:|^Plan computed:|^Solution with original makespan|^Rescheduled Plan",
     re.I,
 )
-"""What announces a plan; planners that go on improving print several, the best of them last."""
+"""The line that announces a plan; planners that go on improving print several, the best of them last."""
 _EMPTY_PLAN = re.compile(r"empty plan solves it|plan[- ]length: ?0\b", re.I)
 _LOG = re.compile(r"(?:\[t=[^\]]*\] )?Solution found[!.]$")
 """After this, every line of Fast Downward's log that ends in a number in brackets is a step."""
@@ -145,7 +145,7 @@ class _PlanReader:
         return None
 
     def _is_like_a_step(self, content: str) -> bool:
-        """Whether a line that is no step is meant to be one, and not text around the plan."""
+        """Return whether a line that is no step is meant to be one, and not text around the plan."""
         if _LIKE_A_STEP.match(content):
             return True
         number, colon, _ = content.partition(":")

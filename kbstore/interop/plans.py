@@ -23,7 +23,7 @@ PRINTED = 1_000_000
 
 
 class Happening(Enum):
-    """What a step does; the value is the name of the knowledge base's method for it."""
+    """The kind of a step; the value is the name of the knowledge base's method for it."""
 
     APPLY = "apply"
     START = "start"
@@ -193,7 +193,10 @@ def _start(knowledge_base: Any, step: Step) -> Run:
 
 
 def _due(step: Step, begin: int, following: int | None, run: Run | None, now: int) -> int:
-    """When a step is due: an end that the plan rounded, when its run is expected to end, but before what follows."""
+    """Return the time at which a step is due.
+
+    For an end that the plan rounded, that is the expected end of its run, but no later than the step that follows.
+    """
     planned = begin + (step.at or 0)
     if step.happening is not Happening.END or run is None or not 0 < abs(run.expected_end - planned) <= PRINTED:
         return planned

@@ -109,7 +109,7 @@ class _Tree:
         """The nodes from the root to the one that is being read."""
 
     def read(self) -> Fact | Function | Formula:
-        """What the whole tree means: an item where the root alone is one."""
+        """Return the meaning of the whole tree: an item where the root alone is one."""
         root = self._nodes[0]
         match self._kind(root):
             case NodeType.FUNCTION:

@@ -181,7 +181,7 @@ class _Translation:
                 self._problem.set_initial_value(self._fluent(function), self._value(function))
 
     def _scheduled(self) -> Iterable[tuple[int, KnowledgeItem, str]]:
-        """What takes effect later, and what it is; what several say of one thing and one time, the last one says."""
+        """Yield timed knowledge, each with its description; of several about one thing at one time, the last counts."""
         last: dict[tuple[object, ...], tuple[int, KnowledgeItem, str]] = {}
         for item in self._state.timed_knowledge:
             t = item.initial_time

@@ -69,7 +69,7 @@ class PlanningProblem(Protocol):
 
     @property
     def timed_effects(self) -> dict[Any, list[Any]]:
-        """What takes effect later."""
+        """Effects at later times."""
 
 
 Source = str | os.PathLike[str]
@@ -252,7 +252,7 @@ class _Writer:
                 yield f"(= {expression_text(node)} {decimal_text(value)})"
 
     def _uncertain(self) -> Iterator[str]:
-        """What a contingent problem says of fluents whose values are unknown."""
+        """Yield the initial constraints of a contingent problem on fluents whose values are unknown."""
         problem = self._problem
         for nodes in getattr(problem, "or_constraints", ()):
             # the library has (unknown (p)) as (or (not (p)) (p))

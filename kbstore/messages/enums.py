@@ -29,7 +29,7 @@ class UpdateType(IntEnum):
 
 
 class AssignOp(IntEnum):
-    """How a numeric effect or a function item changes the value (rule C7)."""
+    """The change of a value by a numeric effect or a function item (rule C7)."""
 
     ASSIGN = 0
     INCREASE = 1
@@ -45,7 +45,7 @@ class AssignOp(IntEnum):
 
 
 class ComparisonType(IntEnum):
-    """How two numeric expressions are compared."""
+    """The comparison of two numeric expressions."""
 
     GREATER = 0
     GREATEREQ = 1
@@ -84,7 +84,7 @@ class Operator(IntEnum):
 
     @property
     def arity(self) -> int:
-        """How many operands it takes in prefix order."""
+        """The number of operands in prefix order."""
         return 1 if self is Operator.UMINUS else 2
 
 

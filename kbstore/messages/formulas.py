@@ -26,7 +26,7 @@ class KeyValue(Message):
 
 
 KNOWN_VALUES = 50_000
-"""How many labelled names are remembered at most; 25 MB or so."""
+"""The most labelled names in the cache; 25 MB or so."""
 
 
 def key_values(labels: Iterable[str], names: Iterable[str]) -> tuple[KeyValue, ...]:

@@ -63,7 +63,7 @@ class Event:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Domain:
-    """What a PDDL domain declares. Mappings are read-only, and keyed by `kbstore.names.key` unless said otherwise.
+    """The declarations of a PDDL domain. Mappings are read-only, with keys of `kbstore.names.key` unless noted.
 
     `types` maps each type's name, as written, to its parent's (to ``(either a b)`` where it has several);
     `constants` maps each constant's name to its type. Both are found by name in any case.
@@ -119,11 +119,11 @@ class Domain:
         return _find(self.actions, name, "operator", self.name)
 
     def is_derived(self, name: str) -> bool:
-        """Whether a predicate is derived by rules."""
+        """Return whether a predicate is derived by rules."""
         return key(name) in self.rules
 
     def is_sensed(self, name: str) -> bool:
-        """Whether a predicate (or function) is marked as sensed. Raises `UnknownSymbol`."""
+        """Return whether a predicate (or function) is marked as sensed. Raises `UnknownSymbol`."""
         self.symbol(name)
         return key(name) in self.sensed
 
@@ -202,7 +202,7 @@ class Domain:
         return self._constant_spellings.get(key(name))
 
     def knows_type(self, name: str) -> bool:
-        """Whether a type is declared; ``object`` always is."""
+        """Return whether a type is declared; ``object`` always is."""
         return key(name) == ROOT_TYPE or key(name) in self._parents
 
     def type_spelling(self, name: str) -> str:
@@ -226,7 +226,7 @@ class Domain:
                 waiting.extend(self._parents.get(type_key, (ROOT_TYPE,)))
 
     def is_subtype(self, name: str, of: Iterable[str]) -> bool:
-        """Whether a type is one of the types `of`, or below one."""
+        """Return whether a type is one of the types `of`, or below one."""
         wanted = {key(type_name) for type_name in of}
         return ROOT_TYPE in wanted or any(type_key in wanted for type_key in self.supertypes(name))
 

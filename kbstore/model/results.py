@@ -36,7 +36,7 @@ class Transaction(Result):
 
 
 AsOf = TimeLike | Transaction
-"""What `as_of` takes: a time, or a transaction, which stands for everything up to it and nothing after it."""
+"""The values of `as_of`: a time, or a transaction, which includes everything up to it and nothing after it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -242,7 +242,7 @@ class Run(Result):
 
     @property
     def expected_end(self) -> int:
-        """When its end is expected."""
+        """The time at which its end is expected."""
         return self.started + self.duration
 
     def __str__(self) -> str:

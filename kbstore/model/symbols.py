@@ -51,14 +51,14 @@ class SymbolTable:
         return _numbered(arity)
 
     def is_function(self, name: str) -> bool:
-        """Whether a name is that of a numeric function, and not of a predicate."""
+        """Return whether a name is that of a numeric function, and not of a predicate."""
         if self.domain is not None:
             return key(name) in self.domain.function_signatures and key(name) not in self.domain.predicate_signatures
         shapes = self.shapes
         return (KnowledgeType.FUNCTION, key(name)) in shapes and (KnowledgeType.FACT, key(name)) not in shapes
 
     def known(self, kind: KnowledgeType, name: str) -> bool:
-        """Whether a predicate or function may be asked about; without a domain, any may."""
+        """Return whether a predicate or function may be asked about; without a domain, any may."""
         try:
             self.signature(kind, name)
         except UnknownSymbol:

@@ -76,7 +76,7 @@ class Timeline:
         self.role = _ROLES[role]
         self.kind = _KINDS[kind]
         self.key = key
-        """What it is about, as it is compared."""
+        """The subject, in the form in which it is compared."""
         self.spelling = key if spelling is None else spelling
         self.shown = None
 

@@ -140,7 +140,7 @@ class ConditionReader:
                 owners.pop()
 
     def is_atom(self, group: Group) -> bool:
-        """Whether a keyword is used as the name of a declared predicate.
+        """Return whether a keyword is used as the name of a declared predicate.
 
         Without a domain none is declared; a word for a constraint before plain names can be nothing else.
         """
@@ -208,7 +208,7 @@ class ConditionReader:
         return self._same(group, variables)
 
     def _is_of_object_fluents(self, group: Group) -> bool:
-        """Whether ``(= (location ?r) wp0)`` compares objects: such a term with a name, or with another one."""
+        """Return whether ``(= (location ?r) wp0)`` compares objects: such a term with a name, or with another one."""
         terms = [self.scope.is_object_term(side) for side in group[1:]]
         if self.scope.domain is not None:
             return any(terms)

@@ -20,7 +20,7 @@ _SHAPES = {
     "hold-during": "nnc",
     "hold-after": "nc",
 }
-"""What each word takes: numbers (n) and conditions (c)."""
+"""The arguments of each operator: numbers (n) and conditions (c)."""
 
 
 @dataclass

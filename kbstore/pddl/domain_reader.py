@@ -121,7 +121,7 @@ def _type_text(types: Sequence[str]) -> str:
 
 
 def _shared_type(declared: Iterable[Typed], types_place: int, parents: Sequence[str]) -> str:
-    """What a typed list means, as the end of a sentence, where several names have the type that stands at a place."""
+    """Return the meaning of a typed list in which several names share a type, as the end of a sentence."""
     names = [typed.name for typed in declared if typed.types_place == types_place]
     if len(names) < 2:
         return ""

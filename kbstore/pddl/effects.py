@@ -102,7 +102,7 @@ class EffectReader:
             raise self.scope.error(f"effects nested deeper than {MAX_DEPTH} levels cannot be read", group)
 
     def _is_atom(self, group: Group) -> bool:
-        """Whether a group consists of names and terms, and does not begin with a keyword that names no predicate."""
+        """Return whether a group is an atom: names and terms, not beginning with a keyword that names no predicate."""
         word = group.word(0)
         is_flat = all(isinstance(node, str) or self.scope.is_object_term(node) for node in group)
         return is_flat and (word not in _WORDS or self.conditions.is_atom(group))
@@ -188,7 +188,7 @@ def rate_of(expression: NumericExpression) -> NumericExpression | None:
 
 
 def _is_whole(tokens: NumericExpression) -> bool:
-    """Whether tokens are one expression, and not the beginning of a longer one."""
+    """Return whether tokens are one expression, and not the beginning of a longer one."""
     wanted = 1
     for token in tokens:
         if not wanted:

@@ -22,7 +22,7 @@ ANY_SPECIAL = frozenset(SpecialType)
 
 
 def is_number(word: Node) -> bool:
-    """Whether a word is a number."""
+    """Return whether a word is a number."""
     return isinstance(word, str) and NUMBER.fullmatch(word) is not None
 
 

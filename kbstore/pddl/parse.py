@@ -87,7 +87,7 @@ def parse_initial(text: str) -> list[Formula]:
 
 
 def is_initial(text: str) -> bool:
-    """Whether a kept text belongs into the initial state, and is not a constraint on a plan's course."""
+    """Return whether a kept text belongs into the initial state, and is not a constraint on a plan's course."""
     return text.startswith(tuple(f"({word} " for word in ("=", *UNCERTAIN)))
 
 

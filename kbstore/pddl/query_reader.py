@@ -99,7 +99,7 @@ class _Finder:
 
 
 def _is_typed(group: Group) -> bool:
-    """Whether a group is a variable or an object with its type, as in ``?w - waypoint``."""
+    """Return whether a group is a variable or an object with its type, as in ``?w - waypoint``."""
     return len(group) == 3 and group[1] == "-" and isinstance(group[0], str) and isinstance(group[2], str)
 
 

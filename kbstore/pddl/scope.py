@@ -11,10 +11,10 @@ from kbstore.names import is_wildcard, key
 from kbstore.pddl.sexpr import Group, Node, SourceText, bounded, node_text
 
 Variables = Mapping[str, tuple[str, ...]]
-"""The variables that are bound where a formula stands (keys, without ``?``), each with its types."""
+"""The variables that are bound at a place in a formula (keys, without ``?``), each with its types."""
 
 Report = Callable[[type[KbStoreError], str, int], None]
-"""What becomes of something that can be read but does not fit: its kind of error, a sentence, an offset."""
+"""The handler of something that can be read but does not fit: its kind of error, a sentence, an offset."""
 
 NO_VARIABLES: Variables = {}
 _MAX_TERMS = 50
@@ -81,7 +81,7 @@ class Scope:
     # -- object fluents ---------------------------------------------------------------------------------------
 
     def is_object_term(self, node: Node) -> bool:
-        """Whether a group is the term of an object fluent, as in ``(= (location ?r) wp0)`` (rule P4)."""
+        """Return whether a group is the term of an object fluent, as in ``(= (location ?r) wp0)`` (rule P4)."""
         if not isinstance(node, Group):
             return False
         if self.domain is None:
@@ -136,11 +136,11 @@ class Scope:
         return found
 
     def is_predicate(self, name: str) -> bool:
-        """Whether the domain declares a predicate of that name."""
+        """Return whether the domain declares a predicate of that name."""
         return self.domain is not None and key(name) in self.domain.predicate_signatures
 
     def is_function(self, name: str) -> bool:
-        """Whether the domain knows the name as that of a numeric function, and of nothing else."""
+        """Return whether the domain knows the name as that of a numeric function, and of nothing else."""
         return (
             self.domain is not None
             and key(name) in self.domain.function_signatures
@@ -148,14 +148,14 @@ class Scope:
         )
 
     def is_bare_function(self, word: str) -> bool:
-        """Whether a word is a numeric function without parameters, as in the old spelling ``(= total-cost 0)``."""
+        """Return whether a word is a function without parameters, as in the old spelling ``(= total-cost 0)``."""
         if self.domain is None or self.is_object(word):
             return False
         found = self.domain.function_signatures.get(key(word))
         return found is not None and not found.parameters
 
     def is_object(self, word: str) -> bool:
-        """Whether a word is known to be an object."""
+        """Return whether a word is known to be an object."""
         return self.objects is not None and key(word) in self.objects
 
     def type_name(self, name: str, group: Group, index: int) -> str:
@@ -170,7 +170,7 @@ class Scope:
         return self.domain.type_spelling(name)
 
     def knows_type(self, name: str) -> bool:
-        """Whether a word is certainly a type."""
+        """Return whether a word is certainly a type."""
         return self.domain is not None and self.domain.knows_type(name)
 
     def unglued(self, group: Group) -> Group:
@@ -217,7 +217,7 @@ class Scope:
     def misfit(
         self, argument: str, variables: Variables, parameter: Parameter | None = None, *, asserted: bool = False
     ) -> str | None:
-        """What is wrong with an argument in the place of `parameter`; None if nothing."""
+        """Return what is wrong with an argument in the place of `parameter`; None if nothing."""
         types: tuple[str, ...] | None
         if argument[:1] == "(":
             types = self._term_types(argument)

@@ -90,14 +90,14 @@ class SourceText:
         return line, offset - self._line_starts[line - 1] + 1
 
     def offset(self, group: Group, index: int | None = None) -> int:
-        """Where a group begins, or its child of that index; of an index beyond the last, the closing bracket."""
+        """Return the offset of a group, or of its child at an index; beyond the last, of the closing bracket."""
         if index is None or (group.start >= 0 and self._code[group.start] != "("):
             return max(group.start, 0)
         offsets = self.offsets(group)
         return offsets[min(index, len(offsets) - 1)]
 
     def offsets(self, group: Group) -> list[int]:
-        """Where the children of a group begin, and at the end its closing bracket."""
+        """Return the offsets of the children of a group, and last of its closing bracket."""
         if self._located is not group:
             # reports often come in a row for one long group, whose children are located once
             self._located, self._offsets = group, _child_offsets(self._code, group.start)
@@ -205,7 +205,7 @@ def node_text(node: Node, limit: int | None = None) -> str:
 
 
 def _is_file(path: str) -> bool:
-    """Whether a text with a bracket in it is the path of a file after all."""
+    """Return whether a text with a bracket in it is the path of a file after all."""
     return len(path) < 4096 and "\n" not in path and "\0" not in path and os.path.isfile(path)
 
 

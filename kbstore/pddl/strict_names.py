@@ -45,12 +45,12 @@ class StrictPddl:
 
 
 def is_strict(name: str) -> bool:
-    """Whether every planner reads a name: a letter, then letters, digits, '-' and '_', and none of PDDL's words."""
+    """Return whether every planner reads a name: a letter, then letters, digits, '-', '_', and no word of PDDL's."""
     return _STRICT.fullmatch(name) is not None and key(name) not in RESERVED
 
 
 def identifier(name: str) -> str:
-    """What of a name can be one in PDDL, with '-' for the rest; empty if that is nothing."""
+    """Return a name as a PDDL identifier, with '-' for characters that PDDL excludes; empty if nothing is left."""
     fit = _UNFIT.sub("-", name).strip("-_")
     return f"n-{fit}" if fit[:1].isdigit() or key(fit) in RESERVED else fit
 

@@ -91,14 +91,14 @@ def _types(scope: Scope, group: Group, index: int) -> Types:
 
 
 def _begins_line(scope: Scope, group: Group, index: int) -> bool:
-    """Whether a word begins a line: some generators write ``- type`` there for objects of which there are none."""
+    """Return whether a word begins a line: some generators write ``- type`` there for a type without objects."""
     offset = scope.source.offset(group, index)
     _, column = scope.source.place(offset)
     return not scope.source.text[offset - column + 1 : offset].strip()
 
 
 def _ends_in_type(scope: Scope, group: Group, index: int) -> bool:
-    """Whether the word with a '-' glued to its end is followed by a type: nothing else can stand there."""
+    """Return whether the word with a '-' glued to its end is followed by a type: nothing else can stand there."""
     if index + 1 >= len(group) or len(group[index]) < 2:
         return False
     if index + 2 < len(group) and group[index + 2] == "-":

@@ -26,11 +26,11 @@ class RunningActionLike(Protocol):
 
     @property
     def started(self) -> int:
-        """When it started."""
+        """The time at which it started."""
 
     @property
     def duration(self) -> int:
-        """How long it is expected to take."""
+        """The expected duration, in nanoseconds."""
 
 
 class StateLike(Protocol):
@@ -78,7 +78,7 @@ class StateLike(Protocol):
 
     @property
     def timed_knowledge(self) -> Sequence[KnowledgeItem]:
-        """What takes effect later, each at its `initial_time`."""
+        """The items that take effect later, each at its `initial_time`."""
 
     @property
     def running(self) -> Sequence[RunningActionLike]:
@@ -86,7 +86,7 @@ class StateLike(Protocol):
 
     @property
     def end_effects(self) -> Sequence[tuple[int, KnowledgeItem, RunningActionLike]]:
-        """What they are expected to change, and when."""
+        """The changes that are expected of them: time, item, run."""
 
 
 def write_problem(state: StateLike, *, explicit_negatives: bool = False) -> str:

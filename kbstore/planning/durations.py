@@ -1,4 +1,4 @@
-"""How long an action takes: the domain's constraints on ``?duration`` (rules O3, O7)."""
+"""Durations of actions: the domain's constraints on ``?duration`` (rules O3, O7)."""
 
 from collections.abc import Iterator
 from fractions import Fraction

@@ -1,4 +1,4 @@
-"""What an operator changes at one moment (rules O2 and O3), and the world after it."""
+"""Effects of an operator at one of its moments (rules O2 and O3), and the world after them."""
 
 import math
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
@@ -47,7 +47,7 @@ class NumericChange(NamedTuple):
 
 
 class Rate(NamedTuple):
-    """What a continuous effect adds to the rate of a function, per second, while its action runs."""
+    """The rate that a continuous effect adds to a function, per second, while its action runs."""
 
     function: Atom
     per_second: float
@@ -131,7 +131,7 @@ def resulting(changes: Iterable[NumericChange], number_at: Callable[[Atom], floa
 def outcome(
     effects: Effects, world: Interpretation, own_rate: Callable[[Atom], float]
 ) -> Iterator[tuple[KnowledgeType, Atom, Value | None]]:
-    """What effects leave on each timeline that they change: deletes before adds, then the numbers (rule O2).
+    """Return the value that effects leave on each timeline: deletes before adds, then the numbers (rule O2).
 
     None stands for what ends. `world` is the state before; `own_rate` gives the rate of a function, per second,
     without what runs, which a change relative to its value keeps (rule C7).
@@ -164,7 +164,7 @@ def lacking(
     duration: float | None = None,
     remembered: Remembered = NOTHING,
 ) -> list[Formula]:
-    """What the numeric effects of a moment need and `world` does not give, as conditions that are not true there.
+    """Return what the numeric effects of a moment lack in `world`, as conditions that are not true there.
 
     A function that is changed relative to its value has to be defined, and each right-hand side to have a value.
     """

@@ -56,7 +56,7 @@ def expected_breaks(
 
 
 class ExpectedTrajectory:
-    """What is expected to hold over a span (a `Trajectory`): the rows at its beginning, and the events within it."""
+    """The expected trajectory over a span (a `Trajectory`): the rows at its beginning, and the events within it."""
 
     def __init__(
         self,
@@ -110,7 +110,7 @@ class ExpectedTrajectory:
         return {name: spans for name, spans in found.items() if spans}
 
     def lifespan(self, name: str) -> Sequence[tuple[int, int, str]]:
-        """When one object exists, and of which type; a constant exists for the whole span."""
+        """Return the spans in which an object exists, each with its type; a constant exists for the whole span."""
         return self._objects.get(name, [])
 
     @cached_property

@@ -64,7 +64,7 @@ class _Moved(NamedTuple):
 def rates(
     running: Iterable[RunningAction], world: Interpretation, moving: Collection[Atom] = ()
 ) -> dict[Atom, float | None]:
-    """What runs adds to the rate of each function that it moves, per second; None where a rate has no value.
+    """Return what running actions add to the rate of each function, per second; None where a rate has no value.
 
     Names are keys. `moving` are the functions with a rate of their own, now or scheduled.
 
@@ -88,7 +88,7 @@ def rates(
 
 
 def is_moving(action_name: str, domain: Domain | None) -> bool:
-    """Whether an action has continuous effects."""
+    """Return whether an action has continuous effects."""
     return domain is not None and bool(domain.action(action_name).effects_at(Timing.OVER_ALL))
 
 

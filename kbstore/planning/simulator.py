@@ -26,7 +26,7 @@ Mentions = Callable[[Timeline, Value], Sequence[str]]
 
 
 class Event(NamedTuple):
-    """What changes on a timeline at a time: the value from then on, None where nothing stands any more.
+    """A change of a timeline at a time: the value from then on, None where nothing holds any more.
 
     `run` is the action whose expected end it is an effect of.
     """
@@ -77,12 +77,12 @@ class Simulator:
         self._recorded = recorded
         self._now = start
         self._added = added
-        """What runs adds to the rates of functions; None before these are first computed."""
+        """The rates that running actions add to functions; None before they are first computed."""
         self._is_first = True
 
     @property
     def rows(self) -> list[StateRow]:
-        """What stands at the time up to which the projection was played."""
+        """The rows that hold at the time up to which the projection was played."""
         return list(self._standing.values())
 
     def advance(self, until: int) -> Iterator[Event]:

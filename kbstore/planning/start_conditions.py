@@ -1,4 +1,4 @@
-"""What an action remembers of its start: the conditions that later effects of it depend on (rules O2, O3).
+"""Latched start conditions: those that later effects of an action depend on (rules O2, O3).
 
 A condition that was true is remembered as PDDL text, with objects in their places and all names as keys. Such texts are
 stored with what runs: each says by itself what was true, whatever becomes of the domain or of the objects meanwhile.
@@ -63,5 +63,5 @@ def _conditions(effects: tuple[Effect, ...]) -> Iterator[tuple[Formula, list[Par
 
 
 def _mentions(condition: Formula, variable: str) -> bool:
-    """Whether a variable, given by its key, is free in a condition."""
+    """Return whether a variable, given by its key, is free in a condition."""
     return instantiated(condition, {variable: "object"}) != condition

@@ -160,7 +160,7 @@ class Answers:
 
     @staticmethod
     def _is_plausible(prepared: _Prepared, repository: Repository, token: int, domain: Domain | None) -> bool:
-        """Whether no object that a question names has ever been of a type that its parameter excludes (rule V10).
+        """Return whether no object in a question has ever been of a type that its parameter excludes (rule V10).
 
         Looked up once for each transaction, and only where an answer depends on it: what holds fits.
         """

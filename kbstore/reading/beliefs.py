@@ -1,4 +1,4 @@
-"""What was believed of one time, over transaction time: since when something was known, or thought (rule L4)."""
+"""Beliefs about one valid time, over transaction time: since when something was known, or thought (rule L4)."""
 
 from kbstore.clock import TimeLike, time
 from kbstore.messages import KnowledgeType, Truth

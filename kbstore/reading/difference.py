@@ -7,7 +7,7 @@ from kbstore.reading.state import State
 
 
 def difference(before: State, after: State) -> Diff:
-    """What became true, became false, was withdrawn, and which numbers, goals and metric changed."""
+    """Return what became true, became false or was withdrawn, and which numbers, goals and metric changed."""
     became_true: list[KnowledgeItem] = []
     became_false: list[KnowledgeItem] = []
     withdrawn: list[KnowledgeItem] = []

@@ -117,7 +117,7 @@ class Explainer:
         parts: Sequence[Explanation],
         reason: str = "",
     ) -> Explanation:
-        """What the parts that decide a condition come to.
+        """Explain a condition by the parts that decide it.
 
         It is as it is since the latest of them, unless it was the same before that, perhaps always, or became so
         later: numbers move by the clock, and a quantifier speaks of objects that come and go.

@@ -20,7 +20,7 @@ from kbstore.storage.records import Head, LogPosition, RecordedAssertion
 from kbstore.storage.repository import Repository
 
 BATCH = 256
-"""How many transactions `changes` reads at once."""
+"""The number of transactions that `changes` reads at once."""
 
 
 class History:
@@ -214,7 +214,7 @@ class History:
     def clock_changes(
         self, repository: Repository, head: Head, last: Transaction, after: int, upto: int
     ) -> list[Change]:
-        """What took effect by the clock alone after a time and up to another, by time; `last` was before it."""
+        """Return what took effect by the clock alone after a time and up to another, by time; `last` was before it."""
         self._reader.resolver.refuse_archived(after + 1, head)
         due: dict[int, list[RecordedAssertion]] = defaultdict(list)
         for row in repository.due_between(after, upto):
@@ -241,7 +241,7 @@ class History:
     def _ended_by_clock(
         repository: Repository, due: Mapping[int, Sequence[RecordedAssertion]], upto: int | None
     ) -> dict[int, list[RecordedAssertion]]:
-        """What ended as something took effect, by time: on its own timeline, or by the end of an object.
+        """Return what ended as something took effect, by time: on its own timeline, or by the end of an object.
 
         With `upto`, as was known after that transaction: late knowledge has been recorded since then.
         """

@@ -15,7 +15,7 @@ from kbstore.storage.records import LogPosition
 from kbstore.storage.repository import Repository
 
 _FEW = 4
-"""Of up to so many timelines on which nothing holds it is asked when that changes; of more, when anything does."""
+"""The most timelines on which nothing holds that are watched one by one; beyond it, any change counts."""
 
 
 class LazyState:

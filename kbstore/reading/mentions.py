@@ -38,7 +38,7 @@ def _in_condition(text: str) -> Sequence[str]:
 
 @lru_cache(maxsize=1024)
 def _in_initial_condition(text: str) -> Sequence[str]:
-    """Of what an initial state says beyond facts and numbers; constraints on a plan's course end with no object."""
+    """Return the objects in an initial condition of a text; constraints on a plan outlive all objects."""
     return tuple(sorted(set().union(*map(objects_in, parse_initial(text)))))
 
 

@@ -69,11 +69,11 @@ class Pattern:
         return [line for line in repository.of_symbol(Role.STATE, self.kind, name) if matches(self._keys, line.keys)]
 
     def matches_row(self, row: RecordedAssertion) -> bool:
-        """Whether an assertion on one of the timelines matches: an object's type may be given."""
+        """Return whether an assertion on one of the timelines matches: an object's type may be given."""
         return not isinstance(self._item, Instance) or self._has_type(row.value[1])
 
     def matches(self, item: KnowledgeItem | Condition) -> bool:
-        """Whether an item matches."""
+        """Return whether an item matches."""
         if isinstance(item, Condition) or item.knowledge_type is not self.kind:
             return False
         match item:

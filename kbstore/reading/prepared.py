@@ -163,7 +163,7 @@ class PreparedQuestions:
 
 
 def question_key(question: Question) -> Hashable | None:
-    """What a question is found by: equal for questions that ask the same; None if it is not worth finding."""
+    """Return the cache key of a question: equal for questions that ask the same; None if it is not worth caching."""
     if isinstance(question, str):
         return question
     if isinstance(question, Fact):
@@ -182,7 +182,7 @@ def question_key(question: Question) -> Hashable | None:
 
 
 def _is_lasting(question: Question, symbols: SymbolTable, atoms: Iterable[tuple[KnowledgeType, Atom]]) -> bool:
-    """Whether a question means the same whatever symbols are used for the first time from now on (rule D2)."""
+    """Return whether a question means the same whatever symbols are used for the first time from now on (rule D2)."""
     if symbols.domain is not None:
         return True
     if isinstance(question, Fact | Function) and any(question.labels):

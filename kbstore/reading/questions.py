@@ -46,7 +46,7 @@ class InequalityMessage(Protocol):
 
     @property
     def comparison_type(self) -> int:
-        """How the two sides are compared."""
+        """The comparison of the two sides."""
 
 
 class ExpressionMessage(Protocol):

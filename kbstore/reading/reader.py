@@ -119,7 +119,7 @@ class Reader:
         return [as_running(row) for row in repository.running(position)] if head.last_run else []
 
     def world(self, repository: Repository, point: TemporalPoint, domain: Domain | None) -> LazyState | Snapshot:
-        """What holds at a point, to be asked a few questions: read as far as they need where it is stored."""
+        """Return the state at a point for a few questions: where it is stored, read as far as they need."""
         if point.is_known_now:
             return LazyState(repository, point.valid_time, domain, use_unknowns=self.use_unknowns)
         return self._data(repository, point, domain).snapshot
@@ -178,7 +178,7 @@ class Reader:
         )
 
     def _data(self, repository: Repository, point: TemporalPoint, domain: Domain | None) -> StateData:
-        """What holds (or is expected to hold) at a point (rules Q1, Q2, O3)."""
+        """Read what holds, or is expected to hold, at a point (rules Q1, Q2, O3)."""
         t = point.valid_time
         pending = _all_kinds(repository.scheduled_at, point.position)
         if t > point.system_time.time:

@@ -15,10 +15,10 @@ from kbstore.storage.records import Head, LogPosition, RunRow
 from kbstore.storage.repository import Repository
 
 TOLERANCE = SECOND
-"""How far a clock may be behind the latest recorded time, in nanoseconds (rule T3)."""
+"""The most that a clock may be behind the latest recorded time, in nanoseconds (rule T3)."""
 
 MAX_STEP = 3600 * SECOND
-"""How far the system clock may get ahead of what the machine measures, in nanoseconds (rule T6)."""
+"""The most that the system clock may get ahead of what the machine measures, in nanoseconds (rule T6)."""
 
 
 class TemporalPoint(NamedTuple):
@@ -165,7 +165,7 @@ class Resolver:
         return TemporalPoint(position.time, position, True, head, position, position, ())
 
     def is_stored(self, t: int, latest: int, last_run: int, history_from: int) -> bool:
-        """Whether the rows that are known now answer for a time, as can be told by the head alone.
+        """Return whether the rows that are known now answer for a time, as can be told by the head alone.
 
         Of that, `latest` is the time; `last_run` and `history_from` are called so there, too.
 

@@ -130,7 +130,7 @@ class Runs:
 
 
 class _RunTrajectory(StoredTrajectory):
-    """What is stored, and the at-start effects of a run on what is sensed, as if they were written (rule O8).
+    """The stored trajectory with the at-start effects of a run on sensed symbols, as if they were written (rule O8).
 
     They count until the next assertion on their timelines.
     """

@@ -74,7 +74,7 @@ class State(Result):
         explainer: "Callable[[State, Question], Explanation]",
     ) -> None:
         self.snapshot = data.snapshot
-        """What conditions are evaluated against."""
+        """The interpretation against which conditions are evaluated."""
         self.at = self.snapshot.time
         self.as_of = None if belief is None else belief.time
         self.belief = belief
@@ -82,7 +82,7 @@ class State(Result):
         self._pending = data.pending
         self._running = data.running
         self.symbol_table = symbol_table
-        """What symbols mean at that time."""
+        """The symbols at that time."""
         self._questions = questions
         self._answers: LRU[str, Truth] = LRU(STATE_ANSWERS if questions.caching else 0)
         self._mentions = mentions
@@ -149,7 +149,7 @@ class State(Result):
 
     @cached_property
     def timed_knowledge(self) -> list[KnowledgeItem]:
-        """What had been recorded, and takes effect after the time; goals are not among it (rule Q1)."""
+        """The items on record that take effect after the time, without goals (rule Q1)."""
         # what runs adds to a rate was not recorded with what is scheduled
         rows = [
             (timeline, t, (*value[:3], value[2]) if timeline.kind is KnowledgeType.FUNCTION else value)
@@ -195,7 +195,7 @@ class State(Result):
         return found
 
     def holds(self, question: Question) -> bool:
-        """Whether a fact or condition is true."""
+        """Return whether a fact or condition is true."""
         return self.truth(question) is Truth.TRUE
 
     def value(self, question: Question) -> float:
@@ -228,7 +228,7 @@ class State(Result):
 
     @cached_property
     def end_effects(self) -> list[tuple[int, KnowledgeItem, Run]]:
-        """What the actions that run are expected to change at their ends: time, item, run (rule O4)."""
+        """The expected changes at the ends of running actions: time, item, run (rule O4)."""
         ends = [run.expected_end for run in self.running if run.expected_end > self.at]
         last: dict[tuple[int, Identity], tuple[int, KnowledgeItem, Run]] = {}
         for event in self.projection().advance(max(ends, default=self.at)):

@@ -1,4 +1,4 @@
-"""What a `State` is made from."""
+"""The data of a `State`."""
 
 from dataclasses import dataclass
 
@@ -8,7 +8,7 @@ from kbstore.planning.rates import RunningAction
 
 @dataclass(frozen=True, slots=True)
 class StateData:
-    """What holds at an instant, what is scheduled, and what runs."""
+    """The assertions that hold at an instant, the scheduled ones, and the running actions."""
 
     snapshot: Snapshot
     pending: list[StateRow]
@@ -16,5 +16,5 @@ class StateData:
 
     @property
     def size(self) -> int:
-        """How many assertions it has, and one for itself."""
+        """The number of assertions, and one for itself."""
         return 1 + len(self.snapshot.rows) + len(self.pending)

@@ -34,14 +34,14 @@ from kbstore.storage.records import RecordedAssertion
 from kbstore.storage.repository import Repository
 
 Piece = tuple[int, int, Value, int]
-"""From when, until when, what, and the initial time of the assertion."""
+"""Start, end, value, and the initial time of the assertion."""
 
 MINUTE = 60 * SECOND
-"""How far `since_when` looks back at first."""
+"""The span that `since_when` looks back at first, in nanoseconds."""
 
 
 class StoredTrajectory:
-    """What holds over a span, under one version of the domain; after now, what is expected to (rule O3)."""
+    """The assertions over a span, under one version of the domain; after now, the expected ones (rule O3)."""
 
     def __init__(
         self,
@@ -96,7 +96,7 @@ class StoredTrajectory:
         }
 
     def lifespan(self, name: str) -> Sequence[tuple[int, int, str]]:
-        """When one object exists, and of which type; a constant exists for the whole span."""
+        """Return the spans in which an object exists, each with its type; a constant exists for the whole span."""
         constant = self._constants.get(name)
         if constant is not None:
             return [(*self.span, constant)]
@@ -190,7 +190,7 @@ class StoredTrajectory:
 
     @cached_property
     def _expected(self) -> dict[Identity, list[Event]]:
-        """What is expected to change after now, by timeline."""
+        """The changes that are expected after now, by timeline."""
         found: dict[Identity, list[Event]] = defaultdict(list)
         if self._projects:
             state = self._reader.state(self._repository, self._point)
@@ -252,7 +252,7 @@ def _note_types(
 def since_when(
     reader: Reader, repository: Repository, condition: Formula, truth: Truth, at: int, *, guess: int
 ) -> int | None:
-    """Since when a condition has been without interruption what it is at a time.
+    """Return the time since which a condition has kept, without interruption, its truth value of a given time.
 
     0 where it always was, None where that cannot be told (rule Q4, `NotLinear`). A `guess` that is not too early saves
     time: history is read from there, and from ever earlier times where that is too late. Raises `HistoryUnavailable`
@@ -277,7 +277,7 @@ def since_when(
 
 
 def _since_within(reader: Reader, repository: Repository, condition: Formula, truth: Truth, span: Span) -> int:
-    """Since when a condition has been what it is at the end of a span, at the earliest since the span's start."""
+    """Return the same within a span, for the truth value at its end; at the earliest the span's start."""
     first, at = span[0], span[1] - 1
 
     def true_in(condition: Formula) -> Intervals:

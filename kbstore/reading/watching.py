@@ -144,7 +144,7 @@ class ChangeWatch(Watch[Change]):
             return last, last.time if seen < 0 else seen
 
     def _next(self, repository: Repository, last: Transaction, seen: int) -> tuple[list[Change], int]:
-        """What there is after a transaction and a time, and the time up to which that is everything."""
+        """Return the changes after a transaction and a time, and the time up to which they are complete."""
         head = repository.head()
         batch = self._history.batch(repository, head, last.number)
         found: list[Change] = []

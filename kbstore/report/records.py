@@ -117,7 +117,7 @@ def log_table(transactions: Iterable[Transaction], moments: TimeFormat) -> Rende
 
 
 def change_view(change: Change, moments: TimeFormat) -> RenderableType:
-    """What one transaction did, or what took effect by the clock.
+    """Show what one transaction did, or what took effect by the clock.
 
     ``+`` asserted, ``-`` ended, ``x`` cancelled, ``~`` superseded.
     """
@@ -195,7 +195,7 @@ def _explanation_line(explanation: Explanation, moments: TimeFormat) -> Text:
 
 
 def applicability_view(action: str, answer: Applicability, moments: TimeFormat) -> RenderableType:
-    """Whether an action can be applied, and which conditions fail."""
+    """Return whether an action can be applied, and which conditions fail."""
     if answer:
         return Text(f"{action} is applicable")
     lines = [Text(f"{action} is not applicable:")]

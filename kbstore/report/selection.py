@@ -48,7 +48,7 @@ class Part(StrEnum):
 
 @dataclass(frozen=True)
 class Selection:
-    """What is shown of a state; `folded` counts the facts and numbers, by name, that are left out as never changing."""
+    """The part of a state to show; `folded` counts the facts and numbers, by name, left out as never changing."""
 
     state: State
     instances: Sequence[Instance] = ()

@@ -27,7 +27,7 @@ from kbstore.report.time_format import TimeFormat, span
 
 
 def state_view(shown: Selection, moments: TimeFormat) -> RenderableType:
-    """What is selected of a state, in sections without the empty ones. "Ago" is relative to the time of the state."""
+    """Show a selection of a state, in sections without the empty ones. "Ago" is relative to the time of the state."""
     state = shown.state
     moments, asked = replace(moments, now=state.at), moments
     found = (
@@ -93,7 +93,7 @@ def numbers(found: Sequence[Function], moments: TimeFormat) -> RenderableType | 
 
 
 def folded(shown: Selection) -> RenderableType | None:
-    """How many facts and numbers are left out, by name."""
+    """Show the number of facts and numbers that are left out, by name."""
     if not shown.folded:
         return None
     counts = ", ".join(f"{name} ({count:,})" for name, count in shown.folded)
@@ -136,5 +136,5 @@ def goals(state: State, found: Sequence[Goal], moments: TimeFormat) -> Renderabl
 
 
 def reached(state: State, goal: KnowledgeItem | Condition) -> str:
-    """Whether a goal is reached in a state."""
+    """Return whether a goal is reached in a state."""
     return {Truth.TRUE: "yes", Truth.FALSE: "no", Truth.UNKNOWN: "unknown"}[state.truth(goal)]

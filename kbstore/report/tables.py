@@ -15,10 +15,10 @@ _GAP = 3
 """Between two columns."""
 
 _NARROWEST = 20
-"""To how many characters a column may be folded."""
+"""The width in characters to which a column may be folded."""
 
 _FOLDED = 2
-"""How many columns, of the widest, may be folded."""
+"""The number of columns, the widest first, that may be folded."""
 
 TITLE, DIM, FALSE, SCHEDULED, NUMBER = "bold", "dim", "red", "cyan", "green"
 """Styles by what they mean; what they say must be in the words, too, as colours are for terminals only."""

@@ -34,7 +34,7 @@ def span(ns: int) -> str:
 
 @dataclass(frozen=True, slots=True)
 class TimeFormat:
-    """How the times of one answer are written: in full, or (`brief`) as the time of the day of `now` where it is.
+    """The format of the times of one answer: in full, or (`brief`) as the time of the day of `now` where it is.
 
     >>> TimeFormat(121 * 10**9).relative(60 * 10**9), TimeFormat(0).relative(2 * 10**9)
     ('1 min 1 s ago', 'in 2 s')
@@ -53,7 +53,7 @@ class TimeFormat:
         return text
 
     def relative(self, t: int | None) -> str:
-        """How long before or after now; empty for None."""
+        """Return the distance from now, before or after; empty for None."""
         if t is None:
             return ""
         if t == self.now:

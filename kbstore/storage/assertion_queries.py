@@ -38,7 +38,7 @@ HEAD_COLUMNS = (
     "present",
     "source",
 )
-"""Where the record of a knowledge base stands: the columns of its head, in the order in which they are read."""
+"""The columns of a knowledge base's head, in the order in which they are read."""
 
 _heads, _schedules, _timelines = tables.heads.c, tables.schedules.c, tables.timelines.c
 
@@ -71,12 +71,12 @@ class AssertionQueries:
 
     @cached_property
     def standing(self) -> Statement:
-        """What stands at :t by what is known now."""
+        """The assertions that hold at :t by what is known now."""
         return Statement(lambda dialect: sa.union_all(*self._in_tree(dialect)))
 
     @cached_property
     def standing_as_of(self) -> Statement:
-        """What stood at :t by what was known after the transaction :number, whose time is not before :t."""
+        """The assertions at :t by what was known after the transaction :number, whose time is not before :t."""
         columns = self._columns
         known = columns.recorded_tx <= parameter("number")
         since = columns.retired_tx > parameter("number")
@@ -88,7 +88,7 @@ class AssertionQueries:
 
     @cached_property
     def ended_since(self) -> Statement:
-        """What stood at :t, the time of the transaction :number, and was ended at :t by a later one.
+        """The assertions until :t, the time of the transaction :number, that were ended at :t by a later one.
 
         :levels are all on which something is kept that has an end.
         """
@@ -123,7 +123,7 @@ class AssertionQueries:
         return Statement(union)
 
     def _in_tree(self, dialect: str, *conditions: Any, superseded: bool = False) -> tuple[Any, Any]:
-        """What stands at :t: on each level, one range of beginnings or of ends."""
+        """Return the assertions that hold at :t: on each level, one range of beginnings or of ends."""
         columns, t = self._columns, parameter("t")
 
         def on_levels(index: str, bounds: str, within: Any) -> Any:
@@ -146,7 +146,7 @@ class AssertionQueries:
 
     @cached_property
     def of_symbol(self) -> Statement:
-        """What stands at :t on the timelines of a role whose keys lie in [:first_key, :last_key)."""
+        """The assertions that hold at :t on the timelines of a role whose keys lie in [:first_key, :last_key)."""
         return Statement(lambda dialect: self._on_timelines(dialect, tables.timelines, _with_symbol()))
 
     @cached_property
@@ -160,7 +160,7 @@ class AssertionQueries:
         return Statement(lambda dialect: self._on_timelines(dialect, named, about))
 
     def _on_timelines(self, dialect: str, source: Any, which: Any) -> Any:
-        """What stands at :t on some timelines: of each the latest row that begins no later than :t."""
+        """Return the assertions that hold at :t on some timelines: for each the latest row that begins by :t."""
         columns, t = self._columns, parameter("t")
         if dialect == "sqlite":
             other = self._table.alias("latest").c
@@ -190,7 +190,7 @@ class AssertionQueries:
 
     @cached_property
     def point(self) -> Lookup:
-        """Of the head what a question needs, and the latest row of one timeline that begins no later than :t."""
+        """The head's columns for a question, and the latest row of one timeline that begins by :t."""
         columns = self._columns
         # no more than each question needs: a column takes a thirtieth of the look-up
         names = ("last_token", "last_time", "history_from", "domain_version", "last_run")
@@ -216,7 +216,7 @@ class AssertionQueries:
 
     @cached_property
     def next_start(self) -> Statement:
-        """When the next assertion on a timeline begins."""
+        """The initial time of the next assertion on a timeline."""
         columns = self._columns
         on_timeline = self._on_timeline(columns, columns.timeline_id == parameter("timeline"))
         after = on_timeline.where(columns.initial_time > parameter("t"))
@@ -268,7 +268,7 @@ class AssertionQueries:
 
     @cached_property
     def known(self) -> Statement:
-        """What is known now of a timeline, from the latest that begins no later than :first on, to :last, in order."""
+        """The rows of a timeline that are known now, from the latest that begins by :first, to :last, in order."""
         columns, other = self._columns, self._table.alias("latest").c
         names = ("recorded_tx", "seq", "initial_time", "end_time", "ended_tx", "end_cause", "told_tx")
         latest = self._on_timeline(other, other.timeline_id == parameter("timeline"))
@@ -471,7 +471,7 @@ class AssertionQueries:
 
     @staticmethod
     def _on_timeline(columns: Any, which: Any) -> Any:
-        """When what is known now of a timeline begins."""
+        """Return the initial times of the rows of a timeline that are known now."""
         return select(columns.initial_time).where(columns.kb_id == KB, which, columns.retired_tx.is_(None))
 
     def _update(self, *names: str) -> Batch:

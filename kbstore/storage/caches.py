@@ -26,7 +26,7 @@ QUESTIONS = 50_000
 ANSWERS = 50_000
 STATE_ANSWERS = 1_000
 ASSERTIONS = 50_000
-"""How many assertions the past states that are kept have together; about 20 MB."""
+"""The most assertions in all cached past states together; about 20 MB."""
 
 _Key = TypeVar("_Key")
 _Value = TypeVar("_Value")

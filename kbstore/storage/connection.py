@@ -32,7 +32,7 @@ inherited: list[Any] = []
 
 
 class Options(NamedTuple):
-    """What a `Database` asks of each of its connections.
+    """Settings of the connections of a `Database`.
 
     `store` is its name in messages, `busy_timeout` in seconds, `durability` "full" or "normal", `schema` PostgreSQL's.
     """
@@ -45,7 +45,7 @@ class Options(NamedTuple):
 
 
 class AnswerCache:
-    """What has been answered about now since the last commit: truths and values, by question."""
+    """Answers about now since the last commit: truths and values, by question."""
 
     __slots__ = ("truths", "values")
 
@@ -195,7 +195,7 @@ class StoreConnection(ABC):
 
     @abstractmethod
     def _beginning(self, *, write: bool) -> tuple[str, dict[str, Any]]:
-        """What begins a transaction, and how the driver is to execute it."""
+        """Return the statement that begins a transaction, and the driver's options for executing it."""
 
     def _log_wait(self, started: float) -> None:
         waited = time.monotonic() - started
@@ -232,7 +232,7 @@ class StoreConnection(ABC):
             self.is_lost = True
 
     def _must_roll_back(self) -> bool:
-        """Whether the database still has the transaction."""
+        """Return whether the database still has the transaction."""
         return True
 
     @property
@@ -243,7 +243,7 @@ class StoreConnection(ABC):
     # -- errors -----------------------------------------------------------------------------------------------
 
     def _failure(self, error: Exception) -> StoreUnavailable:
-        """What to raise for an error of the driver; refuses further statements where the transaction has ended."""
+        """Return the error to raise for one of the driver; refuse further statements if the transaction has ended."""
         failure = unavailable(error, self.options.store, self.options.busy_timeout)
         self._note(error)
         if self.is_lost:
@@ -257,7 +257,7 @@ class StoreConnection(ABC):
         """Set `is_lost` if the connection is of no use after an error."""
 
     def _has_rolled_back(self) -> bool:
-        """Whether the database has ended the transaction by itself."""
+        """Return whether the database has ended the transaction by itself."""
         return False
 
     def refuse(self, why: str) -> None:
@@ -271,7 +271,7 @@ class StoreConnection(ABC):
     # -- the connection ---------------------------------------------------------------------------------------
 
     def is_alive(self) -> bool:
-        """Whether the connection can be used, as far as that can be told without waiting."""
+        """Return whether the connection can be used, as far as that can be told without waiting."""
         return not self.is_lost
 
     @abstractmethod
@@ -280,7 +280,7 @@ class StoreConnection(ABC):
 
     @abstractmethod
     def database(self) -> object:
-        """What tells two databases apart."""
+        """A value that tells two databases apart."""
 
     def abandon(self, *, close: bool) -> None:
         """In a forked child: leave the connection to the parent; `close` a file that nobody uses in this process."""

@@ -79,7 +79,7 @@ class Connections(ABC):
         )
 
     def failure(self, error: Exception) -> StoreUnavailable:
-        """What to raise for an error of SQLAlchemy or of the driver, also one of connecting."""
+        """Return the error to raise for one of SQLAlchemy or of the driver, also one of connecting."""
         if isinstance(error, PoolTimeout):
             return StoreUnavailable(
                 f"{self._options.store}: all connections of the pool are in use ({error}); end transactions sooner, "
@@ -91,7 +91,7 @@ class Connections(ABC):
     # -- forks ------------------------------------------------------------------------------------------------
 
     def _locks(self) -> list[Any]:
-        """What is held by threads that are within SQLite."""
+        """Return the locks held by threads that are within SQLite."""
         return [connection.lock for connection in self._open]
 
     def hold(self, deadline: float) -> bool:

@@ -15,7 +15,7 @@ _LOCK_NOT_AVAILABLE: Final = "55P03"
 
 
 def unavailable(error: BaseException, store: str, busy_timeout: float) -> StoreUnavailable:
-    """What to raise for an error of a driver: what happened, in which store, and what to do."""
+    """Return the error to raise for one of a driver: what happened, in which store, and what to do."""
     # PostgreSQL's have several lines
     reason = " ".join(str(error).split()) or type(error).__name__
     code = sqlite_code(error)

@@ -41,7 +41,7 @@ _one_at_a_time = threading.Lock()
 
 
 class _Fork:
-    """What came of the fork under way, or of the one that made this process."""
+    """The outcome of the fork under way, or of the one that made this process."""
 
     is_quiet = True
     is_unsafe = False

@@ -1,4 +1,4 @@
-"""What a process remembers of a knowledge base, and how it notices that the store has gone back.
+"""Per-process memory of a knowledge base, and the check whether its store has gone back.
 
 A store goes back when a backup is restored over it, when an asynchronous standby takes over, or when its file is
 copied back. From then on numbers of timelines, of versions and of transactions may mean something else. Each
@@ -40,7 +40,7 @@ class TimelineCache:
 
 
 class Progress:
-    """How far the record was when it was last looked at; shared by copies of a memory.
+    """The end of the log when it was last read; shared by copies of a memory.
 
     Attributes:
         seen: the last transaction that has been seen.
@@ -59,7 +59,7 @@ class Progress:
 
 
 class StoreMemory:
-    """What this process remembers of one knowledge base.
+    """The memory of this process about one knowledge base.
 
     A copy shares everything but the timelines.
 

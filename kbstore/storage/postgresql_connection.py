@@ -18,7 +18,7 @@ from kbstore.storage.connection import Options, Parameters, SqlRow, StoreConnect
 from kbstore.storage.statements import Lookup, Statement
 
 _ROWS = 2000
-"""How many rows of a stream are fetched at once."""
+"""The number of rows of a stream that are fetched at once."""
 
 
 _DATABASE = "SELECT oid, pg_postmaster_start_time() FROM pg_database WHERE datname = current_database()"
@@ -137,7 +137,7 @@ class PostgresqlConnection(StoreConnection):
         self.is_lost = self.is_lost or bool(self.driver.closed)
 
     def is_alive(self) -> bool:
-        """Whether the connection can be used: what a server says unasked, or that it is gone, has arrived by now."""
+        """Return whether the connection can be used: a server's notice that it is gone has arrived by now."""
         try:
             # never waits; once for what the server said, and once more for the end of the connection
             self.driver.pgconn.consume_input()

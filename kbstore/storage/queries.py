@@ -210,7 +210,7 @@ next_due = Statement(
     .order_by(_schedules.initial_time)
     .limit(constant(1))
 )
-"""When the next row that was scheduled begins after :t, cancelled ones included."""
+"""The initial time of the next scheduled row after :t, cancelled ones included."""
 
 derived_ahead = Statement(
     select(_schedules.timeline_id).where(
@@ -231,14 +231,14 @@ revisions = Statement(
     .where(_revisions.kb_id == KB, between(_revisions.tx), _revisions.knowledge_type == parameter("kind"))
     .order_by(_revisions.tx)
 )
-"""What the transactions after :after and up to :upto changed of rows of a knowledge type."""
+"""The changes of the transactions after :after and up to :upto to rows of a knowledge type."""
 
 add_schedule = Batch.adding(tables.schedules)
 
 cancel_schedule = Batch.changing(tables.schedules, "until_time", "node", key=ROW)
 
 delete_schedule = Batch.deleting(tables.schedules, key=ROW)
-"""Of an assertion that is derived, and ahead."""
+"""The condition of an assertion that is derived, and ahead."""
 
 add_revision = Batch.adding(tables.revisions)
 

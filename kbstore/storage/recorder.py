@@ -73,7 +73,7 @@ class Recorder:
     # -- assertions -------------------------------------------------------------------------------------------
 
     def _change_assertions(self, changes: RowChanges) -> None:
-        """What ends, is cancelled, or gets another end: before what begins, which may take its place."""
+        """Write ends, cancellations and other ends: before what begins, which may take its place."""
         connection, kb, number, now = self._connection, self._kb, self._number, self._now
         for kind, ends in changes.ends.items():
             statements = for_kind[kind]

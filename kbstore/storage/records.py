@@ -1,4 +1,4 @@
-"""What the repository reads and writes: rows of the store, as plain values."""
+"""Rows that the repository reads and writes, as plain values."""
 
 from collections import defaultdict
 from collections.abc import Callable
@@ -64,7 +64,7 @@ class StoredAssertion(NamedTuple):
 
 
 StoredPoint = tuple[Any, ...]
-"""What a question about one timeline at a time needs, as of one commit; a plain row, as it is read for each of them.
+"""The row that answers a question about one timeline at one time, as of one commit; plain, as each question reads one.
 
 `token`, `time`, `history_from`, `domain_version` and `last_run` of the head; then of the latest assertion that begins
 no later `end_time`, `initial_time`, and the columns of its value. It holds if `end_time` is after the time that is
@@ -127,7 +127,7 @@ class RecordedAssertion(NamedTuple):
         return self.cancelled is None and self.superseded is None
 
     def followed(self, row: "RecordedAssertion") -> bool:
-        """Whether it followed a row when that was recorded; late knowledge may have taken it away since then."""
+        """Return whether it followed a row when that was recorded; late knowledge may have taken it away since then."""
         retired = self.superseded if self.end_time > self.initial_time else self.ended
         return self.cancelled is None and (retired is None or retired > row.recorded)
 
@@ -198,7 +198,7 @@ _by_kind: Callable[[], Any] = partial(defaultdict, list)
 
 @dataclass
 class RowChanges:
-    """What a transaction changes in the store.
+    """The changes of one transaction to the rows of the store.
 
     Attributes:
         timelines: those that are new; they get their numbers when they are stored.

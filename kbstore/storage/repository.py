@@ -33,10 +33,10 @@ from kbstore.storage.statements import Statement
 from kbstore.storage.tables import PRESENT_SCHEDULES
 
 _LAST_KEY = "\U0010ffff"
-"""What comes after all keys."""
+"""A string that sorts after all keys."""
 
 _VALUE = 10
-"""Where the value begins in the rows that history reads."""
+"""The index of the value in the rows that history reads."""
 
 
 class Repository:
@@ -57,7 +57,7 @@ class Repository:
     # -- the record -------------------------------------------------------------------------------------------
 
     def head(self, *, for_update: bool = False) -> Head:
-        """Where the record stands in this snapshot; `for_update` makes other writers of this knowledge base wait."""
+        """Return the head in this snapshot; `for_update` makes other writers of this knowledge base wait."""
         if self._head is None or for_update:
             read = self._connection.lock_row if for_update else self._connection.first
             row = read(queries.head_for_update if for_update else queries.head, {"kb": self._kb})
@@ -68,7 +68,7 @@ class Repository:
         return self._head
 
     def _has_gone_back(self) -> bool:
-        """Whether the store has gone back since this was made, by its head as it is now."""
+        """Return whether the store has gone back since this was made, by its head as it is now."""
         row = self._connection.first(queries.head, {"kb": self._kb})
         if row is None:
             raise self._memory.gone()
@@ -76,7 +76,7 @@ class Repository:
         return self._look(Mark(head.number, head.token))
 
     def _look(self, now: Mark) -> bool:
-        """Whether the store has gone back since this was made; what was remembered until then is forgotten."""
+        """Return whether the store has gone back since this was made; what was remembered until then is forgotten."""
         if now == self._seen:
             return False
         try:
@@ -228,7 +228,7 @@ class Repository:
         return self._standing(kind, rows)
 
     def value_at(self, kind: KnowledgeType, timeline: Timeline | None, t: int) -> StoredPoint | None:
-        """What tells what holds on one timeline at a time, with the head: one statement. Nothing holds on no timeline.
+        """Return the assertion of one timeline at a time, with the head, by one statement; for no timeline, the head.
 
         None where the store has gone back since this was made: the timeline may be another one now.
         """
@@ -239,7 +239,7 @@ class Repository:
         return None if row[0] != self._seen.token and self._has_gone_back() else row
 
     def next_start(self, timeline: Timeline, t: int) -> int:
-        """When the next assertion on a timeline begins after a time; `OPEN` if none is scheduled."""
+        """Return the initial time of the next assertion on a timeline after a time; `OPEN` if none is scheduled."""
         if not self.head().present & PRESENT_SCHEDULES:
             return OPEN
         parameters = {"kb": self._kb, "timeline": timeline.id, "t": t}
@@ -280,7 +280,7 @@ class Repository:
         return self._standing(kind, rows)
 
     def scheduled_at(self, kind: KnowledgeType, position: LogPosition) -> list[StateRow]:
-        """What had been scheduled at a position in the record, and takes effect after it."""
+        """Return what had been scheduled at a position in the log, and takes effect after it."""
         if not self.head().present & PRESENT_SCHEDULES:
             return []
         parameters = self._on_path(position)
@@ -291,7 +291,7 @@ class Repository:
         return self._standing(kind, [(*row[:2], *row[_VALUE:]) for row in found.get(kind, ())])
 
     def _has(self, kind: KnowledgeType) -> bool:
-        """Whether there are any assertions of a knowledge type to be asked for."""
+        """Return whether there are any assertions of a knowledge type to be asked for."""
         return bool(self.head().present >> kind & 1)
 
     @cached_property
@@ -425,12 +425,12 @@ class Repository:
         return found
 
     def revisions(self, kind: KnowledgeType, after: int, upto: int) -> list[RevisionRow]:
-        """How the transactions after a number and up to another changed rows, in their order."""
+        """Return how the transactions after a number and up to another changed rows, in their order."""
         parameters = {"kb": self._kb, "kind": int(kind), "after": after, "upto": upto}
         return [RevisionRow(*row) for row in self._connection.all(queries.revisions, parameters)]
 
     def known_rows(self, timeline: Timeline, first: int, last: int) -> list[KnownAssertion]:
-        """What is known now of a timeline, from the latest that begins no later than `first` on, to `last`."""
+        """Return the rows of a timeline that are known now, from the latest that begins by `first`, to `last`."""
         parameters = {"kb": self._kb, "timeline": timeline.id, "first": first, "last": last}
         found = []
         for row in self._connection.all(for_kind[timeline.kind].known, parameters):
@@ -468,7 +468,7 @@ class Repository:
         return found
 
     def changes_between(self, after: int, upto: int) -> TransactionRows:
-        """What the transactions after a number and up to another recorded, ended, cancelled and superseded."""
+        """Return what the transactions after a number and up to another recorded, ended, cancelled and superseded."""
         span = {"kb": self._kb, "after": after, "upto": upto}
         times = {row[0]: row[1] for row in self.transactions_between(after, upto)}
         found = TransactionRows([], [], [], [])
@@ -488,7 +488,7 @@ class Repository:
         return found
 
     def due_between(self, after: int, upto: int) -> list[RecordedAssertion]:
-        """What was scheduled, and took effect by the clock alone after a time and up to another."""
+        """Return what was scheduled, and took effect by the clock alone after a time and up to another."""
         if not self.head().present & PRESENT_SCHEDULES:
             return []
         keys = self._connection.all(queries.due, {"kb": self._kb, "after": after, "upto": upto})

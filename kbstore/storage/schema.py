@@ -53,10 +53,10 @@ VIEWS = (
 """The views of the schema at its head."""
 
 Store = str | PathLike[str] | URL
-"""What names a store: a SQLAlchemy URL, or the path of an SQLite file."""
+"""A store's URL: a SQLAlchemy URL, or the path of an SQLite file."""
 
 _SCRIPTS = ("migrations", "../migrations")
-"""Where the migrations are, seen from the package: in an installed kbstore, and in a checkout."""
+"""The folders of the migrations, seen from the package: in an installed kbstore, and in a checkout."""
 
 _UNWRITABLE = (sqlite3.SQLITE_READONLY, sqlite3.SQLITE_CANTOPEN)
 
@@ -74,7 +74,7 @@ _blank: list[str] = []
 
 
 class Migrated(NamedTuple):
-    """What an upgrade or a downgrade did: the revisions before and after (None: no schema), and the copy it made."""
+    """The result of an upgrade or a downgrade: the revisions before and after (None: no schema), and the copy made."""
 
     before: str | None
     after: str | None
@@ -187,7 +187,7 @@ def connecting(engine: sa.Engine, *, existing: bool = False) -> Iterator[sa.Conn
 
 
 def _stamps(connection: sa.Connection, schema: str | None) -> list[str] | None:
-    """What stands in the version table: one revision, unless something is wrong; None where there is no table."""
+    """Return the version table's rows: one revision, unless something is wrong; None if there is no table."""
     try:
         table = sa.table(VERSION_TABLE, sa.column("version_num"), schema=schema)
         return list(connection.execute(sa.select(table)).scalars())
@@ -198,7 +198,7 @@ def _stamps(connection: sa.Connection, schema: str | None) -> list[str] | None:
 
 
 def _is_empty(connection: sa.Connection, stamps: Sequence[str] | None, schema: str | None) -> bool:
-    """Whether there is nothing of kbstore's yet; raises `SchemaUnknown` where its names are taken by another."""
+    """Return whether there is nothing of kbstore's yet; raises `SchemaUnknown` where its names are taken by another."""
     if stamps:
         return False
     inspector = sa.inspect(connection)

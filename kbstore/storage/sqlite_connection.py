@@ -18,7 +18,7 @@ _LOG_LIMIT = 64 * 1024 * 1024
 
 
 _LOOK_AGAIN = 0.02
-"""How long a file that was deleted or replaced may still be read, in seconds; it is never written to."""
+"""The time for which a file that was deleted or replaced may still be read, in seconds; it is never written to."""
 
 
 class SqliteConnection(StoreConnection):
@@ -175,7 +175,7 @@ class SqliteConnection(StoreConnection):
         return self.file or id(self.driver)
 
     def has_moved(self) -> bool:
-        """Whether its file is not to be found any more where it was opened; SQLite would not notice."""
+        """Return whether its file is not to be found any more where it was opened; SQLite would not notice."""
         return self.file is not None and self.file != file_at(self.path)
 
     def was_moved(self) -> bool:

@@ -12,11 +12,11 @@ import sqlalchemy as sa
 from sqlalchemy.exc import DBAPIError
 
 _TRANSACTION = ("BEGIN", "COMMIT", "ROLLBACK")
-"""What goes to the driver all the same: SQLAlchemy has words of its own for it."""
+"""Statements that go to the driver all the same: SQLAlchemy has calls of its own for them."""
 
 
 def is_observed(engine: sa.Engine) -> bool:
-    """Whether somebody looks at the statements of an engine."""
+    """Return whether somebody looks at the statements of an engine."""
     listeners: Any = engine.dispatch
     return bool(
         listeners.before_cursor_execute
@@ -57,7 +57,7 @@ class ObservedDriver:
         return result.cursor if result.returns_rows else _Done(result.rowcount)
 
     def cursor(self, **how: Any) -> Any:
-        """What executes a statement many times; the driver's cursor where it is one of the server's."""
+        """Return a cursor for `executemany`; the driver's own where it is a server-side one."""
         return self._driver.cursor(**how) if how else self
 
     def executemany(self, text: str, rows: Sequence[Any]) -> None:
@@ -66,7 +66,7 @@ class ObservedDriver:
 
 
 class _Done:
-    """What is left of a statement without rows."""
+    """The result of a statement without rows."""
 
     def __init__(self, rowcount: int) -> None:
         self.rowcount = rowcount

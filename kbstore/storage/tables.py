@@ -45,7 +45,7 @@ _Key = Text().with_variant(Text(collation="C"), "postgresql")
 
 
 class Revision(IntEnum):
-    """How a transaction changed a row that was stored before; a row that was simply open until then has no revision."""
+    """The kind of change to a row that was stored before; a row that was simply open until then has no revision."""
 
     CANCELLED = 1
     SUPERSEDED = 2

@@ -24,7 +24,7 @@ CHECKED = (*assertions, "schedules", "runs")
 
 _MAGIC = b"SQLite format 3\0"
 _MARK = slice(68, 72)
-"""Where the header of an SQLite file has its application's number."""
+"""The offset of the application's number in the header of an SQLite file."""
 
 
 class ArchiveFile:
@@ -143,7 +143,7 @@ def _mark(path: Path) -> None:
 
 
 def _is_part(some: Iterator[Record], all_of_them: Iterator[Record]) -> bool:
-    """Whether all records of one iterator, which is in order, are among those of another."""
+    """Return whether all records of one iterator, which is in order, are among those of another."""
     return all(any(record == other for other in all_of_them) for record in some)
 
 

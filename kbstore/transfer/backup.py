@@ -11,7 +11,7 @@ from kbstore.storage.database import Database
 from kbstore.transfer.rows import Progress, RowSource, RowTarget, Steps, Store, copy, new_file, opened
 
 _PAGES = 2000
-"""How many pages of an SQLite file are copied between two calls of the progress callback."""
+"""The number of pages of an SQLite file copied between two calls of the progress callback."""
 
 
 def backup(url: Store, path: str | os.PathLike[str], *, progress: Progress | None = None) -> Path:

@@ -126,7 +126,7 @@ class JsonLinesReader:
 
     @property
     def head(self) -> Head:
-        """Where the record stands, as the first line says."""
+        """The head, as given in the first line."""
         return Head(*(self._head.get(name) for name in HEAD_COLUMNS))  # type: ignore[arg-type]
 
     def records(self, table: str) -> Iterator[Record]:
@@ -193,7 +193,7 @@ class JsonLinesReader:
         return value
 
     def _check(self, table: str, record: Record) -> None:
-        """What a row refers to is in the file, and what has to follow the row before does."""
+        """Check that what a row refers to is in the file, and that it follows the row before where it has to."""
         match table:
             case "timelines":
                 self._follows(self._timelines, record["id"])
@@ -250,7 +250,7 @@ def _is_number(value: object) -> bool:
 
 
 def _is_text(value: object) -> bool:
-    """Whether it is text that every database takes: no halves of characters, no NUL."""
+    """Return whether it is text that every database takes: no halves of characters, no NUL."""
     return (
         type(value) is str and "\0" not in value and not any("\ud800" <= character <= "\udfff" for character in value)
     )

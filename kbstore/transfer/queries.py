@@ -112,7 +112,7 @@ by_table: dict[str, TableQueries] = {
 """The tables in the order in which they are written: each row after those that it refers to."""
 
 HEAD: Final = tuple(name for name in HEAD_COLUMNS if name != "source")
-"""Where the record of a knowledge base stands, as far as it is true of a copy, too."""
+"""The columns of the head that are true of a copy, too."""
 
 last_transaction = Statement(
     select(_transactions.token, _transactions.last_timeline)
@@ -127,7 +127,7 @@ revisions_after = Statement(
     .where(_revisions.kb_id == KB, _revisions.tx > parameter("upto"), _revisions.recorded_tx <= parameter("upto"))
     .order_by(_revisions.tx)
 )
-"""How later transactions changed the rows that had been recorded by the transaction :upto."""
+"""The changes of later transactions to the rows recorded by the transaction :upto."""
 
 # -- archiving ------------------------------------------------------------------------------------------------
 

@@ -24,20 +24,20 @@ from kbstore.storage.repository import Repository
 from kbstore.transfer.queries import ARCHIVE, application_id, by_table, last_transaction, mark_archive
 
 Store = str | os.PathLike[str] | URL | Engine
-"""What names a store: a SQLAlchemy URL, the path of an SQLite file, or an `Engine` of the caller's."""
+"""A store: a SQLAlchemy URL, the path of an SQLite file, or an `Engine` of the caller's."""
 
 Record = dict[str, Any]
 """A row, by the names of its columns."""
 
 Progress = Callable[[int, int], None]
-"""Told of long work again and again: how much is done, and of how much."""
+"""A progress callback: how much is done, and of how much."""
 
 BATCH = 2000
-"""How many rows are held in memory, and written, at once."""
+"""The number of rows held in memory, and written, at once."""
 
 
 class Part(NamedTuple):
-    """What is taken of a knowledge base: what transactions after one and up to another recorded.
+    """A part of a knowledge base: what transactions after one and up to another recorded.
 
     Left out is what had ended before `since`, unless it was recorded or retired after the last transaction before that
     time: what is there is in the archive that ends at that time.
@@ -191,7 +191,7 @@ def opened(url: Store, *, writing: bool = False) -> Iterator[Database]:
 
 @contextmanager
 def new_file(path: Path) -> Iterator[Path]:
-    """Where to write what becomes the file `path`: whole and on the disk, or not there at all."""
+    """Yield a path to write to that becomes the file `path`: whole and on the disk, or not there at all."""
     if path.exists():
         raise InvalidKnowledge(f"{path} exists, and is not overwritten; remove it, or give another name")
     partial = path.with_name(f"{path.name}.{os.getpid()}.partial")
@@ -231,7 +231,7 @@ def make_archive(path: Path) -> None:
 
 
 def is_archive(database: Database) -> bool:
-    """Whether a store is a file into which history was archived: it ends, and nothing is written to it."""
+    """Return whether a store is a file into which history was archived: it ends, and nothing is written to it."""
     if database.dialect != "sqlite":
         return False
     return database.first(application_id, {}) == (ARCHIVE,)

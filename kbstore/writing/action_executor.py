@@ -40,11 +40,11 @@ class ActionExecutor:
 
     @property
     def changes(self) -> int:
-        """How many runs begin and end."""
+        """The number of runs that begin and end."""
         return len(self._started) + len(self._ended)
 
     def copy(self) -> tuple[list[RunningAction], int, list[RunningAction], list[tuple[RunningAction, str]]]:
-        """What `restore` takes back."""
+        """Return the part that `restore` takes back."""
         return list(self.running), self.last_run, list(self._started), list(self._ended)
 
     def restore(
@@ -239,7 +239,7 @@ def _is_sensed(world: Interpretation, atom: Atom) -> bool:
 def applicability(
     state: State, operator: str, arguments: Sequence[str], duration: DurationLike | None = None
 ) -> Applicability:
-    """Whether an operator can be applied to a state, and the conditions that fail, each with since when (rule O1)."""
+    """Return whether an operator is applicable in a state, and the failing conditions, each with since when (O1)."""
     action, world = _grounded(state, operator, arguments), state.snapshot
     if duration is None:
         failing = planning.unsatisfied(action, world)

@@ -38,7 +38,7 @@ class ChangeSet:
         self._absent: dict[_Group, set[str]] = defaultdict(set)
         self._new: list[TimelineState] = []
         self.objects_changed = 0
-        """How often the existence of an object has changed here."""
+        """The number of changes to the existence of objects here."""
         self._mentioning: dict[str, list[TimelineState]] = {}
         self._journal: dict[TimelineState, Copy] = {}
         self.late_from = OPEN
@@ -46,7 +46,7 @@ class ChangeSet:
 
     @property
     def past(self) -> Past:
-        """What is known of the time before now."""
+        """The known past of the timelines."""
         # made anew: kept, it would make a circle, and a transaction's memory wait for the garbage collector
         return Past(self, self._repository)
 
@@ -132,7 +132,7 @@ class ChangeSet:
     # -- changes ----------------------------------------------------------------------------------------------
 
     def value_at(self, state: TimelineState, t: int) -> Value | None:
-        """What holds on a timeline now, or, for a later time, what is scheduled for exactly that time."""
+        """Return the value of a timeline now, or, for a later time, the one scheduled for exactly that time."""
         return state.ahead.get(t) if t > self.now else state.value
 
     def put(self, state: TimelineState, value: Value, t: int) -> None:
@@ -176,7 +176,7 @@ class ChangeSet:
         self.objects_changed += 1
 
     def is_set(self, function: Atom) -> bool:
-        """Whether a function has been set in this transaction, to whatever value."""
+        """Return whether a function has been set in this transaction, to whatever value."""
         state = self._groups[Role.STATE, KnowledgeType.FUNCTION].get(" ".join((function.name, *function.arguments)))
         base = None if state is None else state.base(self.now)
         return state is not None and (base is None or state.value != self.value_now(state, base))
@@ -200,11 +200,11 @@ class ChangeSet:
     # -- objects ----------------------------------------------------------------------------------------------
 
     def lifespans(self, state: TimelineState) -> list[Lifespan]:
-        """When the object of an INSTANCE timeline exists from now on, with the changes of this transaction."""
+        """Return the lifespans of an INSTANCE timeline's object from now on, with the changes of this transaction."""
         return lifespans_of(state.value, state.ahead, self.now)
 
     def stored_lifespans(self, state: TimelineState) -> list[Lifespan]:
-        """The same as stored."""
+        """Return the same as stored."""
         base = state.base(self.now)
         ahead = {t: row.value for t, row in state.stored_ahead.items()}
         return lifespans_of(None if base is None else base.value, ahead, self.now)
@@ -227,7 +227,7 @@ class ChangeSet:
                     self.take(mentioning, t, cause)
 
     def _is_about(self, state: TimelineState, t: int | None, about: TimelineState) -> bool:
-        """Whether what stands (or is scheduled for `t`) mentions an object: the metric's timeline holds many things."""
+        """Return whether the value now, or for `t`, mentions an object: the metric's timeline has various values."""
         value = state.value if t is None else state.ahead[t]
         return value is not None and about.timeline.key in self.mentions(state.timeline, value)
 
@@ -270,7 +270,7 @@ class ChangeSet:
                 pending[identity, t] = (state.timeline, t, value)
 
     def value_now(self, track: TimelineState, base: StoredAssertion) -> Value:
-        """What a stored row that holds now has come to: a number may move."""
+        """Return the value that a stored row has come to by now: a number may move."""
         if track.timeline.kind is not KnowledgeType.FUNCTION:
             return base.value
         return (False, number_at(base.value, base.initial_time, self.now), *base.value[2:])

@@ -17,7 +17,7 @@ from kbstore.writing.lifespans import Lifespan
 from kbstore.writing.timeline_state import TimelineState
 
 Line = list[tuple[int, Value | None, StoredAssertion | None, bool]]
-"""What holds now on a timeline, and from later times on: initial time, value, the stored row, whether it is derived."""
+"""The values of a timeline from now on: initial time, value, the stored row, whether it is derived."""
 
 
 class Flush:
@@ -114,7 +114,7 @@ class Flush:
         writes.changes += changed
 
     def _standing(self, track: TimelineState) -> tuple[Line, bool]:
-        """What holds now on a timeline, and whether that has changed."""
+        """Return what holds now on a timeline, and whether that has changed."""
         writes = self._writes
         base = track.base(self._now)
         if base is not None and track.value == self._set.value_now(track, base):
@@ -193,5 +193,5 @@ def _ends(existences: Sequence[Lifespan]) -> list[int]:
 
 
 def _same_but_rate(kind: KnowledgeType, stored: Value, value: Value) -> bool:
-    """Whether a scheduled value is the stored one; a function's rate besides its own is derived."""
+    """Return whether a scheduled value is the stored one; a function's rate besides its own is derived."""
     return stored[:3] == value[:3] if kind is KnowledgeType.FUNCTION else stored == value

@@ -32,7 +32,7 @@ _UNBOUND: frozenset[str] = frozenset()
 def condition_violations(
     resolver: NameResolver, condition: Formula, t: int, bound: frozenset[str] = _UNBOUND
 ) -> Iterator[str]:
-    """What is wrong with a condition or comparison at a time, each in one sentence; `bound` are quantified keys."""
+    """Return what is wrong with a condition at a time, each in one sentence; `bound` are quantified keys."""
     match condition:
         case Atom():
             yield from _atom_violations(resolver, KnowledgeType.FACT, condition, t, bound)
@@ -58,14 +58,14 @@ def condition_violations(
 def expression_violations(
     resolver: NameResolver, expression: NumericExpression, t: int, bound: frozenset[str] = _UNBOUND
 ) -> Iterator[str]:
-    """What is wrong with the functions that an expression reads."""
+    """Return what is wrong with the functions that an expression reads."""
     for atom in atoms_of(expression):
         if key(atom.name) != VIOLATION_METRIC:
             yield from _atom_violations(resolver, KnowledgeType.FUNCTION, atom, t, bound)
 
 
 def symbol_violations(resolver: NameResolver, expression: NumericExpression) -> Iterator[str]:
-    """What is wrong with the symbols of the functions that an expression reads, whatever objects exist."""
+    """Yield what is wrong with the symbols of the functions that an expression reads, regardless of objects."""
     for atom in atoms_of(expression):
         if key(atom.name) != VIOLATION_METRIC:
             try:

@@ -10,10 +10,10 @@ from kbstore.reading.questions import Knowledge
 from kbstore.writing.unit_of_work import OpenTransaction
 
 BATCH = 10_000
-"""How many items one transaction takes, unless told otherwise."""
+"""The default number of items in one transaction."""
 
 _LISTED = 20
-"""How many of a batch's violations are listed."""
+"""The number of a batch's violations that are listed."""
 
 Counted = Callable[[int], None]
 """Told after each batch how many items are stored by now."""
@@ -21,7 +21,7 @@ Counted = Callable[[int], None]
 
 @dataclass(frozen=True, slots=True, repr=False)
 class Ingested(Transaction):
-    """What ingesting did: its last transaction, but that `changes` counts what changed in all of them.
+    """The result of ingesting: its last transaction, where `changes` counts what changed in all of them.
 
     `items` is how many items were read, `batches` how many transactions they took; a batch that changed nothing
     is none (rule C1).

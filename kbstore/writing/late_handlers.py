@@ -160,7 +160,7 @@ class LateHandlers:
                 yield f"{item}: {about.timeline.spelling} does not exist all the time {span}"
 
     def _meetings(self, state: TimelineState, value: Value, end: int) -> Iterator[str]:
-        """Where an object would meet an existence of its own with another type (rules C6, C8)."""
+        """Yield where an object would meet an existence of its own with another type (rules C6, C8)."""
         if state.timeline.kind is not KnowledgeType.INSTANCE:
             return
         late = Lifespan(self._since, end, value[1])

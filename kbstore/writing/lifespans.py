@@ -1,4 +1,4 @@
-"""When an object exists: adjacent existences of the same type are one (rule C6)."""
+"""Lifespans of objects: adjacent existences of the same type are one (rule C6)."""
 
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
@@ -16,7 +16,7 @@ class Lifespan(NamedTuple):
 
 
 def lifespans_of(value: Value | None, ahead: dict[int, Value], now: int) -> list[Lifespan]:
-    """When an object exists from now on, by what stands on its timeline and what is scheduled."""
+    """Return the lifespans of an object from now on, by what holds on its timeline and what is scheduled."""
     found: list[Lifespan] = []
     start, type_name = now, None if value is None or value[0] else value[1]
     for t in sorted(ahead):

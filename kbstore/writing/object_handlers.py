@@ -70,7 +70,7 @@ class ObjectHandlers:
         return next((str(spelling) for spelling in written if key(spelling) == key(type_name)), type_name)
 
     def _instance_violations(self, item: Instance) -> Violations:
-        """What is wrong with an object that is to be added, by its name and its type."""
+        """Return what is wrong with an object that is to be added, by its name and its type."""
         name, domain = item.instance_name, self._domain
         violations = []
         wrong = names.problem(name)
@@ -116,7 +116,7 @@ class ObjectHandlers:
         return ()
 
     def _removal_violations(self, item: Instance) -> Violations:
-        """What is wrong with a pattern of objects that are to be removed."""
+        """Return what is wrong with a pattern of objects that are to be removed."""
         domain = self._domain
         if domain is not None:
             if item.instance_type and not domain.knows_type(item.instance_type):
@@ -149,7 +149,7 @@ class ObjectHandlers:
         return self._settled_object(state, before)
 
     def _matches(self, item: Instance, value: Value) -> bool:
-        """Whether an object is as a removal's item says: its sign, and its type if one is given."""
+        """Return whether an object is as a removal's item says: its sign, and its type if one is given."""
         is_negative, type_name = value
         if bool(is_negative) != item.is_negative:
             return False

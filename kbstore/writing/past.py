@@ -1,4 +1,4 @@
-"""What a transaction knows of the past of timelines, and how late knowledge changes it (rules L2 to L6)."""
+"""The past of timelines within a transaction, and how late knowledge changes it (rules L2 to L6)."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
@@ -42,12 +42,12 @@ class Past:
             past.pieces = (*read, *past.pieces)
 
     def known(self, state: TimelineState, since: int) -> list[Piece]:
-        """What is known of a timeline from a time on and up to now, in order; what holds now has no end."""
+        """Return the pieces of a timeline from a time on and up to now, in order; what holds now has no end."""
         self.load([state], since)
         return self.pieces(state)
 
     def pieces(self, state: TimelineState) -> list[Piece]:
-        """The same from when on it has been read."""
+        """Return the same from when on it has been read."""
         assert state.past is not None
         pieces = list(state.past.pieces)
         if state.value is None:
@@ -60,7 +60,7 @@ class Past:
         return [*pieces, Piece(self._now, OPEN, state.value)]
 
     def existences(self, state: TimelineState) -> list[Lifespan]:
-        """When the object of an INSTANCE timeline exists, from the first time to the last."""
+        """Return the lifespans of the object of an INSTANCE timeline, from the first to the last."""
         pieces = [piece for piece in self.known(state, 0) if piece.start < self._now and not piece.value[0]]
         past = [Lifespan(piece.start, min(piece.end, self._now), piece.value[1]) for piece in pieces]
         return joined([*past, *self._change_set.lifespans(state)])
@@ -68,7 +68,7 @@ class Past:
     # -- changes ----------------------------------------------------------------------------------------------
 
     def end_of(self, state: TimelineState, value: Value, since: int) -> int:
-        """Until when something holds that is told late and without an end (rule L2)."""
+        """Return the end of something that is recorded late and without an end (rule L2)."""
         following = next_change(self.known(state, since), state.timeline.kind, since)
         ends = [end for about in self._objects(state, value) for _, end, _ in self.existences(about) if end > since]
         return min([following, *state.ahead, *ends])
@@ -188,7 +188,7 @@ class Past:
         return None
 
     def _taken_away(self, state: TimelineState, start: int, end: int) -> list[Piece]:
-        """What is not known any more of a timeline in a span, the latest first."""
+        """Return the superseded pieces of a timeline in a span, the latest first."""
         assert state.past is not None
         timelines = [state.timeline] if state.timeline.id else []
         rows = self._repository.history(state.timeline.kind, timelines, start, min(end, self._now))
@@ -197,12 +197,12 @@ class Past:
         return [_piece(row, OPEN) for row in state.past.rows] + pieces
 
     def exists_throughout(self, state: TimelineState, since: int, until: int) -> bool:
-        """Whether an object exists in all of a span."""
+        """Return whether an object exists in all of a span."""
         return _covers([(start, end) for start, end, _ in self.existences(state)], since, until)
 
 
 def _covers(spans: Sequence[tuple[int, int]], since: int, until: int) -> bool:
-    """Whether spans, which are in order, cover all of another."""
+    """Return whether spans, which are in order, cover all of another."""
     for start, end in spans:
         if start <= since < end:
             since = end
@@ -210,7 +210,7 @@ def _covers(spans: Sequence[tuple[int, int]], since: int, until: int) -> bool:
 
 
 def _is_known(kind: KnowledgeType, span: Sequence[Piece], late: Sequence[Piece], since: int, until: int | None) -> bool:
-    """Whether a value begins at a time anyway, or holds throughout a span (rule L8)."""
+    """Return whether a value begins at a time anyway, or holds throughout a span (rule L8)."""
     if until is None:
         # of a number, whatever runs add to its rate
         return bool(span) and span[0].start == since and span[0].value[:3] == late[0].value[:3]

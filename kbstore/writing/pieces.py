@@ -1,4 +1,4 @@
-"""What is known of a timeline as pieces in valid time, and how late knowledge edits them (rule L2)."""
+"""Pieces of a timeline in valid time, and how late knowledge edits them (rule L2)."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -33,12 +33,12 @@ class Piece(NamedTuple):
         return (False, number_at(self.value, self.start, t), *self.value[2:])
 
     def overlaps(self, start: int, end: int) -> bool:
-        """Whether it holds somewhere in ``[start, end)``."""
+        """Return whether it holds somewhere in ``[start, end)``."""
         return self.start < end and start < self.end
 
 
 def cut(piece: Piece, kind: KnowledgeType, start: int, end: int, cause: EndCause) -> list[Piece]:
-    """What is left of a piece before and after a span that it overlaps."""
+    """Return what is left of a piece before and after a span that it overlaps."""
     left = []
     if piece.start < start:
         left.append(piece._replace(end=start, ended=(None, cause)))
@@ -48,7 +48,7 @@ def cut(piece: Piece, kind: KnowledgeType, start: int, end: int, cause: EndCause
 
 
 def next_change(pieces: Sequence[Piece], kind: KnowledgeType, t: int) -> int:
-    """When something begins or ends next after `t`; OPEN if nothing does.
+    """Return the time at which something begins or ends next after `t`; OPEN if nothing does.
 
     A number that goes on at another rate, as an action starts or stops to move it, does not begin (rule L6).
     """
@@ -62,7 +62,7 @@ def next_change(pieces: Sequence[Piece], kind: KnowledgeType, t: int) -> int:
 
 
 def is_carried_on(piece: Piece, following: Piece, kind: KnowledgeType) -> bool:
-    """Whether a number only goes on at another rate: from its value, with its own rate, but not that of what runs."""
+    """Return whether a number only goes on at another rate: same value and own rate, another rate of what runs."""
     return (
         kind is KnowledgeType.FUNCTION
         and piece.end == following.start

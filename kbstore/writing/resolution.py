@@ -18,7 +18,7 @@ from kbstore.writing.change_set import ChangeSet
 from kbstore.writing.timeline_state import TimelineState
 
 Violations = Sequence[str]
-"""What is wrong with an item, each in one sentence; empty where nothing is."""
+"""The violations of an item, each in one sentence; empty if there are none."""
 
 
 class _Form(NamedTuple):
@@ -164,7 +164,7 @@ class NameResolver:
         return state or self._change_set.state(Identity(role, kind, name), spelling)
 
     def _form(self, kind: KnowledgeType, name: str) -> "_Form | None":
-        """How the domain declares a symbol; None without a domain, or where it does not know the symbol."""
+        """Return the domain's declaration of a symbol; None without a domain, or where it does not know the symbol."""
         if self.domain is None or not self.symbols.known(kind, name):
             return None
         signature = self.symbols.signature(kind, name)
@@ -182,7 +182,7 @@ _SYMBOLS = {KnowledgeType.FACT: "predicate", KnowledgeType.FUNCTION: "function"}
 
 
 def _can_be_read_back(kind: KnowledgeType, name: str, arity: int) -> bool:
-    """Whether PDDL text with an undeclared symbol reads back as itself: ``(and a)`` does not (rule D3)."""
+    """Return whether PDDL text with an undeclared symbol reads back as itself: ``(and a)`` does not (rule D3)."""
     atom = Atom(name, tuple(f"x{index}" for index in range(arity)))
     text = str(atom) if kind is KnowledgeType.FACT else f"(= {atom} 0)"
     try:

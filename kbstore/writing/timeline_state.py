@@ -12,7 +12,7 @@ from kbstore.writing.pieces import Piece
 
 @dataclass
 class KnownPast:
-    """What is known of a timeline before now, as far as it has been read.
+    """The past of a timeline that is known, as far as it has been read.
 
     Attributes:
         pieces: what it comes to, in order of time; what holds now is among them up to now.
@@ -32,7 +32,7 @@ class KnownPast:
 
 
 class TimelineState:
-    """What is stored of a timeline from now on, and what the transaction makes of it."""
+    """A timeline from now on as stored, and as the transaction leaves it."""
 
     __slots__ = ("ahead", "cause", "derived", "latest", "past", "stored_ahead", "stored_derived", "timeline", "value")
 
@@ -52,17 +52,17 @@ class TimelineState:
                 self.stored_ahead[row.initial_time] = row
         base = self.base(now)
         self.value: Value | None = None if base is None else base.value
-        """What holds now; of a function, with its value at now."""
+        """The value that holds now; of a function, with its number at now."""
         if base is not None and timeline.kind is KnowledgeType.FUNCTION:
             self.value = (False, number_at(base.value, base.initial_time, now), *base.value[2:])
         self.ahead: dict[int, Value] = {t: row.value for t, row in self.stored_ahead.items()}
-        """What is scheduled, by its time."""
+        """The scheduled values, by time."""
         self.derived: dict[int, Value | None] = {t: row.value for t, row in self.stored_derived.items()}
-        """What follows for later times from what is scheduled and runs; None where nothing holds from then on."""
+        """The values derived for later times from the schedule and runs; None where nothing holds from then on."""
         self.cause = EndCause.REPLACED
-        """Why what held at first was ended."""
+        """The cause of the end of what held at first."""
         self.past: KnownPast | None = None
-        """What is known of the time before now, where that has been read."""
+        """The time before now, where that has been read."""
 
     def base(self, now: int) -> StoredAssertion | None:
         """The stored row that holds at now."""
@@ -70,7 +70,7 @@ class TimelineState:
         return latest if latest is not None and latest.end_time > now else None
 
     def is_ended_now(self, now: int) -> bool:
-        """Whether the transaction has ended what had held until now."""
+        """Return whether the transaction has ended what had held until now."""
         noted = self.past is not None and self.past.is_ended_now
         return self.value is None and (noted or self.base(now) is not None)
 
@@ -80,7 +80,7 @@ class TimelineState:
         return self.past is not None and self.past.is_edited
 
     def copy(self) -> "Copy":
-        """What `restore` takes back."""
+        """Return the part that `restore` takes back."""
         past = self.past
         # what has only been read can be read again
         kept = replace(past, rows=list(past.rows)) if past is not None and past.is_edited else None

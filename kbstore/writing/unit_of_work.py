@@ -382,7 +382,7 @@ class OpenTransaction:
         self._loads.append(digest)
 
     def _digest(self, domain: SourceText | None, problem: SourceText | None) -> str:
-        """What is kept of a domain and a problem, to know them again; without a domain, of the one in force."""
+        """Return a digest of a domain and a problem, to recognise them; without a domain, of the one in force."""
         known = self._symbols.domain.source if self._symbols.domain else ""
         texts = (known if domain is None else domain.text, "" if problem is None else problem.text)
         return sha256("\0".join(texts).encode("utf-8", "surrogatepass")).hexdigest()
@@ -421,7 +421,7 @@ class OpenTransaction:
     # -- operators --------------------------------------------------------------------------------------------
 
     def applicable(self, operator: str, *arguments: str, duration: DurationLike | None = None) -> Applicability:
-        """Whether an operator can be applied to the state as the transaction has it (rule O1)."""
+        """Return whether an operator can be applied to the state as the transaction has it (rule O1)."""
         return applicability(self.state(), operator, arguments, duration)
 
     def apply(self, operator: str, *arguments: str) -> None:
@@ -456,7 +456,7 @@ class OpenTransaction:
         return self._reader.state_of(self._working.data(self._symbols.domain), self._symbols)
 
     def holds(self, question: Question) -> bool:
-        """Whether a fact or condition is true in the state as the transaction has it."""
+        """Return whether a fact or condition is true in the state as the transaction has it."""
         return self.state().holds(question)
 
     def value(self, question: Question) -> float:

@@ -165,7 +165,7 @@ def problem_batch(problem: Problem, handlers: Handlers, now: int) -> Batch:
 
 
 def closed_world_violations(problem: Problem) -> list[str]:
-    """What of a problem a closed world cannot hold, each with its place: that an atom is unknown (rule P4)."""
+    """Return what a closed world cannot hold of a problem, each with its place: that an atom is unknown (rule P4)."""
     return [
         f"{_place(problem, 'uncertain', index)}: {text} says that facts are unknown, but in the closed world of this "
         "knowledge base what is not asserted is false; create one with kbstore.open(..., use_unknowns=True)"

@@ -37,7 +37,7 @@ class WorkingState:
         self._use_unknowns = use_unknowns
 
     def data(self, domain: Domain | None) -> StateData:
-        """What holds now, with the changes made so far."""
+        """Return what holds now, with the changes made so far."""
         now = self._change_set.now
         rows, pending = self._rows(domain)
         standing = list(rows.values())
@@ -55,7 +55,7 @@ class WorkingState:
             self._change_set.follow(self._simulator(*self._rows(domain), domain).advance(OPEN))
 
     def _rows(self, domain: Domain | None) -> tuple[dict[Identity, StateRow], dict[tuple[Identity, int], StateRow]]:
-        """What holds now and what is scheduled, as this transaction leaves it, but for the rates of what runs."""
+        """Return what holds now and what is scheduled after this transaction, but for the rates of what runs."""
         now = self._change_set.now
         position = LogPosition(now)
         rows: dict[Identity, StateRow] = {}
@@ -93,7 +93,7 @@ class WorkingState:
         )
 
     def _moves_numbers(self, domain: Domain | None) -> bool:
-        """Whether something that runs, or stops in this transaction, moves numbers."""
+        """Return whether something that runs, or stops in this transaction, moves numbers."""
         return any(is_moving(entry.run.operator, self._domain_before) for entry in self._running_before) or any(
             is_moving(entry.run.operator, domain) for entry in self._executor.running
         )

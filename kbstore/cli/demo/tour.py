@@ -112,7 +112,7 @@ def past_state(kb: KnowledgeBase, t: int) -> RenderableType:
 
 
 def expectation(kb: KnowledgeBase, t: int, believed_at: int) -> RenderableType:
-    """What had been expected of a time, beside what came."""
+    """Show what had been expected of a time, beside what came."""
     belief, fact = kb.state(at=t, as_of=believed_at), kb.state(at=t)
     conditions = ("(robot_at kenny lab)", "(robot_at kenny corridor)", "(open lab_door)")
     rows = [(text, str(belief.truth(text)), str(fact.truth(text))) for text in conditions]

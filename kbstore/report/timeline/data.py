@@ -1,4 +1,4 @@
-"""What a timeline shows, as plain data: lanes, rows, runs, and the transactions that made them.
+"""The data of a timeline: lanes, rows, runs, and the transactions that made them.
 
 A row is what one assertion says: ``[lane, initial, end, from, gone, ended, how, value, rate]``. Times are nanoseconds
 after the data's `origin`. It is known from the transaction `from` on, until the transaction `gone` cancelled it (`how`
@@ -117,7 +117,7 @@ class _Collector:
         return self._now if last < self._now <= last + (last - self._first) else last
 
     def _times(self) -> Iterator[int]:
-        """When something happened, is scheduled, or is expected to end."""
+        """Yield the times at which something happened, is scheduled, or is expected to end."""
         for change in self._changes:
             yield change.transaction.time
             yield from (found.initial_time for found in change.asserted)
@@ -184,7 +184,7 @@ class _Collector:
         return [lane, *relative, run.outcome, run.started_by, run.ended_by or 0, broken]
 
     def _reached(self) -> Iterator[Row]:
-        """When each goal was true, as is known now."""
+        """Yield the intervals in which each goal was true, as is known now."""
         goals = {str(found.item): found for change in self._changes for found in change.asserted if found.is_goal}
         for text, found in goals.items():
             lane = self._lanes.of_assertion(found)
@@ -214,7 +214,7 @@ class _Collector:
         return asked
 
     def _expected(self, number: int, state: State) -> Iterator[Row]:
-        """What was expected after a transaction, from the first effect of what ran on.
+        """Yield what was expected after a transaction, from the first effect of a running action on.
 
         With what was scheduled for later, too, as it may come otherwise than recorded: at another rate, or not at all.
         """

@@ -77,7 +77,7 @@ class Lanes:
         return self._lanes[place]
 
     def _is_wanted(self, words: Sequence[str]) -> bool:
-        """Whether a pattern matches: a bare word any symbol or object, several words from the first to the last."""
+        """Return whether a pattern matches: a bare word any symbol or object, several words all in order."""
         keys = tuple(map(key, words))
         return not self._wanted or any(
             wanted[0] in keys if len(wanted) == 1 else matches(wanted, keys) for wanted in self._wanted

@@ -116,7 +116,7 @@ class TextTimeline:
         return found
 
     def pieces(self, lane: int) -> list[Piece]:
-        """What holds on a lane: begin, end and row, in order (rules V1, C9, Q2)."""
+        """Return the pieces of a lane: begin, end and row, in order (rules V1, C9, Q2)."""
         rows = sorted(
             (self._believed(row) for row in self._rows[lane] if self._is_known(row) and row[1] < self._cut),
             key=lambda row: (row[1], row[3]),
