@@ -7,10 +7,9 @@ from contextlib import contextmanager
 from typing import Any, NoReturn
 
 import typer
-from typer.core import TyperGroup
 
+from kbstore.cli.groups import LazyGroup
 from kbstore.errors import InvalidKnowledge, KbStoreError, PddlSyntaxError
-from kbstore.report.tables import printable
 
 FAILED = 2
 """The exit code of every error."""
@@ -61,7 +60,7 @@ def _joined(text: str) -> str:
     return "".join(joined)
 
 
-class OneLineErrors(TyperGroup):
+class OneLineErrors(LazyGroup):
     """A group of commands that reports every error on one line: kbstore's, the file system's, and those of usage."""
 
     def main(self, *args: Any, **options: Any) -> NoReturn:
@@ -90,5 +89,7 @@ def _failing() -> Iterator[None]:
 
 
 def _fail(message: str) -> NoReturn:
+    from kbstore.report.tables import printable
+
     sys.stderr.write(f"kbstore: {printable(message)}\n")
     sys.exit(FAILED)

@@ -9,14 +9,12 @@ import typer
 
 import kbstore
 from kbstore.cli import completion
+from kbstore.cli.commands import STORE
 from kbstore.cli.times import parse_time
 from kbstore.clock import Clock, ManualClock, SystemClock
 from kbstore.errors import InvalidTime, KbStoreError, StoreUnavailable, StoreWentBack
 from kbstore.knowledge_base import KnowledgeBase
 from kbstore.model.results import Transaction
-
-STORE = "Store"
-"""The panel of the help for `Url`, `Kb` and `Now`."""
 
 TIMES = "TIME is ISO 8601 with an offset, now, -5m, +1h30m, or nanoseconds."
 

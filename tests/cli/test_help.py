@@ -1,5 +1,6 @@
 """Help, completion, and what all commands have in common."""
 
+import importlib
 import json
 import os
 
@@ -7,10 +8,10 @@ import pytest
 import typer
 
 from kbstore.cli import completion
-from kbstore.cli.app import COMMANDS, app, db, goal
+from kbstore.cli.app import app
+from kbstore.cli.commands import COMMANDS
 
-PREFIX = {id(app): (), id(goal): ("goal",), id(db): ("db",)}
-EVERY = [(*PREFIX[id(group)], name) for group, _, functions in COMMANDS for name in functions]
+EVERY = [tuple(command.name.split()) for command in COMMANDS]
 
 ASKED = "2026-05-04T09:02:00Z"
 EXAMPLES = {
@@ -66,6 +67,15 @@ def test_help_shows_examples_and_json(run, command):
     lines = [line.strip() for line in examples.splitlines() if line.strip()]
     assert lines
     assert all(line.startswith("kbstore ") and " ".join(command) in line for line in lines)
+
+
+@pytest.mark.parametrize("command", COMMANDS, ids=lambda command: command.name)
+def test_the_line_of_a_command_begins_its_help(command):
+    """What the help of a group says about a command is what the help of the command begins with."""
+    module, _, function = command.function.partition(".")
+    called = getattr(importlib.import_module(f"kbstore.cli.{module}"), function)
+    assert command.line
+    assert called.__doc__.startswith(command.line)
 
 
 @pytest.mark.parametrize("command", sorted(name for name, arguments in EXAMPLES.items() if arguments is not None))

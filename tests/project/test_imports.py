@@ -1,0 +1,74 @@
+"""What is imported for a purpose, and what is not: whoever needs a part of kbstore does not wait for all of it."""
+
+import ast
+import subprocess
+import sys
+
+import pytest
+
+import kbstore
+from tests.project.conftest import ROOT
+
+HEAVY = {"sqlalchemy", "alembic", "pydantic", "psycopg", "typer", "rich", "unified_planning"}
+"""What takes longest to import, of what kbstore uses."""
+
+COMMAND = "import sys; from kbstore.cli import main; sys.argv[0] = 'kbstore'; main()"
+
+
+def modules(code, *arguments, **environment):
+    """The modules that a Python program has imported when it ends."""
+    ending = "import atexit, sys; atexit.register(lambda: print(*sorted(sys.modules), file=sys.stderr, sep='\\n'))\n"
+    call = [sys.executable, "-c", ending + code, *arguments]
+    done = subprocess.run(call, capture_output=True, text=True, cwd=ROOT, env={"PATH": "", **environment}, check=True)
+    return set(done.stderr.splitlines())
+
+
+def packages(found):
+    return {name.partition(".")[0] for name in found}
+
+
+def rooms(found):
+    """The packages and modules right below kbstore that are among modules."""
+    return {name.split(".")[1] for name in found if name.startswith("kbstore.")}
+
+
+def test_importing_kbstore_imports_what_is_used_of_it():
+    """`import kbstore` imports nothing else; a public name brings what it needs, and the errors need nothing."""
+    found = modules("import kbstore")
+    assert not packages(found) & HEAVY
+    assert rooms(found) == set()
+    assert rooms(modules("from kbstore import Conflict")) == {"errors"}
+
+
+def test_each_public_name_has_one_home():
+    """Type checkers, the interpreter and `__all__` know the same names, from the same modules."""
+    tree = ast.parse((ROOT / "kbstore" / "__init__.py").read_text())
+    (seen,) = (node.body for node in tree.body if isinstance(node, ast.If))
+    homes = {alias.asname or alias.name: f"{node.module}.{alias.name}" for node in seen for alias in node.names}
+    assert homes == kbstore._HOMES
+    assert sorted(homes) == sorted(kbstore.__all__)
+    assert set(homes) <= set(dir(kbstore))
+
+
+def test_an_unknown_name_is_an_attribute_error():
+    """Of the package, modules are attributes, as after their import; anything else is not there."""
+    assert modules("import kbstore; kbstore.errors.Conflict") >= {"kbstore.errors"}
+    with pytest.raises(AttributeError, match="kbstore has no name 'opne'"):
+        kbstore.opne  # noqa: B018
+
+
+@pytest.mark.parametrize("option", ["--version", "--help"])
+def test_version_and_help_import_the_command_line_alone(option):
+    """And the errors that it reports."""
+    found = modules(COMMAND, option)
+    assert not packages(found) & (HEAVY - {"typer", "rich"})
+    assert rooms(found) == {"cli", "errors"}
+
+
+@pytest.mark.parametrize("words", ["kbstore sta", "kbstore db up"])
+def test_completion_of_commands_imports_nothing_of_the_store(words):
+    """Neither among all commands nor in a group; typer itself needs Pydantic."""
+    last = str(len(words.split()) - 1)
+    found = modules(COMMAND, _KBSTORE_COMPLETE="complete_bash", COMP_WORDS=words, COMP_CWORD=last)
+    assert not packages(found) & (HEAVY - {"typer", "pydantic"})
+    assert rooms(found) == {"cli", "errors"}
