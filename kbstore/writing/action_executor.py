@@ -16,7 +16,14 @@ from kbstore.names import key
 from kbstore.pddl.printer import condition_text
 from kbstore.planning import applicability as planning
 from kbstore.planning import effects, start_conditions
-from kbstore.planning.durations import Failing, chosen_duration, failing_constraints, fixed_duration, given_duration
+from kbstore.planning.durations import (
+    Duration,
+    Failing,
+    chosen_duration,
+    failing_constraints,
+    fixed_duration,
+    given_duration,
+)
 from kbstore.planning.effects import Effects, NumericChange
 from kbstore.planning.foresight import Break, expected_breaks
 from kbstore.planning.grounding import GroundAction, ground
@@ -79,9 +86,7 @@ class ActionExecutor:
             raise NotApplicable(f"{action} takes no time; apply() does the whole of it")
         world = state.snapshot
         length = chosen_duration(action, world, None if duration is None else given_duration(duration))
-        running = self._find(operator, arguments)
-        if running is not None:
-            raise NotApplicable(f"{action} runs already, since {isoformat(running.run.started)}; end it first")
+        self._refuse_running(action)
         seconds = length.seconds
         forced = failing_constraints(action, Timing.AT_START, world, seconds) if force else []
         at_start = _at_start(state, action, duration=seconds, force=force)
@@ -92,14 +97,7 @@ class ActionExecutor:
                 for timing in (Timing.OVER_ALL, Timing.AT_END)
             )
         )
-        run = Run(
-            action.action.name,
-            tuple(canonical_term(handlers.resolver, name) for name in action.arguments),
-            self._change_set.now,
-            length.nanoseconds,
-            self.last_run + 1,
-            None if seconds == length.nanoseconds / SECOND else seconds,
-        )
+        run = self._next_run(handlers, action, length)
         breaks = expected_breaks(action, RunningAction(run, remembered), at_start, state.projection)
         if breaks and not force:
             raise NotApplicable(_refusal(action, _foreseen(breaks)))
@@ -133,6 +131,32 @@ class ActionExecutor:
         except (UndefinedFunction, DivisionByZero, InvalidKnowledge) as error:
             raise NotApplicable(f"{action} cannot end: {error}; mend the state, or abort() it") from error
         return _explained(state, failing)
+
+    def report_start(
+        self,
+        state: State,
+        handlers: Handlers,
+        operator: str,
+        arguments: Sequence[str],
+        duration: DurationLike | None,
+    ) -> Run:
+        """Record that an action has started elsewhere: conditions are not evaluated, and effects not carried out."""
+        action = _grounded(state, operator, arguments)
+        self._refuse_running(action)
+        try:
+            length = chosen_duration(action, state.snapshot, None if duration is None else given_duration(duration))
+        except (UndefinedFunction, DivisionByZero, InvalidKnowledge):
+            # nobody knows how long it takes: it is late from its start on
+            length = Duration(0.0, 0)
+        entry = RunningAction(self._next_run(handlers, action, length))
+        self.last_run += 1
+        self.running.append(entry)
+        self._started.append(entry)
+        return entry.run
+
+    def report_end(self, run: Run) -> None:
+        """Record that an action has ended elsewhere; effects are not carried out."""
+        self._stop(self._running(run), "ended")
 
     def abort(self, run: Run) -> None:
         """Abort a durative action."""
@@ -180,12 +204,21 @@ class ActionExecutor:
                 return entry
         raise NotApplicable(f"({' '.join((run.operator, *run.arguments))}) does not run; it has ended or was aborted")
 
-    def _find(self, operator: str, arguments: Sequence[str]) -> RunningAction | None:
-        wanted = [key(name) for name in (operator, *arguments)]
+    def _refuse_running(self, action: GroundAction) -> None:
+        wanted = [key(name) for name in (action.action.name, *action.arguments)]
         for entry in self.running:
             if [key(name) for name in (entry.run.operator, *entry.run.arguments)] == wanted:
-                return entry
-        return None
+                raise NotApplicable(f"{action} runs already, since {isoformat(entry.run.started)}; end it first")
+
+    def _next_run(self, handlers: Handlers, action: GroundAction, length: Duration) -> Run:
+        return Run(
+            action.action.name,
+            tuple(canonical_term(handlers.resolver, name) for name in action.arguments),
+            self._change_set.now,
+            length.nanoseconds,
+            self.last_run + 1,
+            None if length.seconds == length.nanoseconds / SECOND else length.seconds,
+        )
 
     # -- effects ----------------------------------------------------------------------------------------------
 

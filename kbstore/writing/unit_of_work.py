@@ -442,6 +442,21 @@ class OpenTransaction:
         """Abort a durative action: only its continuous effects stop."""
         self._act(lambda: self._executor.abort(run))
 
+    def report_start(self, operator: str, *arguments: str, duration: DurationLike | None = None) -> Run:
+        """Record the start of an action that something else carries out, durative or not.
+
+        Its conditions are not evaluated, and it changes nothing but what runs: whoever carries it out reports its
+        effects. Without a `duration`, and where the domain does not fix one, it is late from its start on.
+        Raises `NotApplicable` if it runs already.
+        """
+        return self._act(
+            lambda: self._executor.report_start(self.state(), self._handlers, operator, arguments, duration)
+        )
+
+    def report_end(self, run: Run) -> None:
+        """Record the end of an action that something else carries out: it runs no longer, and nothing else changes."""
+        self._act(lambda: self._executor.report_end(run))
+
     def _act(self, act: Callable[[], Result]) -> Result:
         """Do what an operator does, all of it or nothing."""
         self._open_handlers()

@@ -1,0 +1,179 @@
+"""A mirror of PlanSys2: what it publishes about its knowledge, its plan and its executions, recorded with the times.
+
+It knows messages by their attributes, and needs no ROS: the recorder feeds it live, the importer of bags from a file.
+"""
+
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from functools import lru_cache
+from typing import Any
+
+from kbstore.clock import ManualClock
+from kbstore.errors import InvalidKnowledge
+from kbstore.interop.plansys2 import read
+from kbstore.knowledge_base import KnowledgeBase
+from kbstore.messages import Fact, Function, Instance, KnowledgeItem
+from kbstore.model.domain import Domain
+from kbstore.model.expressions import Atom
+from kbstore.model.results import Transaction
+from kbstore.names import key
+from kbstore.pddl.problem_reader import read_problem
+from kbstore.ros.executions import Executions
+from kbstore.ros.object_types import ObjectTypes
+from kbstore.writing.unit_of_work import OpenTransaction
+
+CLIENT = "plansys2"
+
+
+class Mirror:
+    """Records what PlanSys2 publishes in a knowledge base of its own.
+
+    In it everything is sensed (rule O8): a snapshot says what holds, and the effects of actions are not computed.
+    """
+
+    def __init__(
+        self,
+        kb: KnowledgeBase,
+        clock: ManualClock,
+        *,
+        domain: str | os.PathLike[str] | None = None,
+        problem: str | os.PathLike[str] | None = None,
+        client: str = CLIENT,
+    ) -> None:
+        """Load the domain, and read the types of objects from the problem; it is not recorded otherwise.
+
+        Args:
+            kb: the knowledge base; it was opened with `clock`.
+            clock: is set to the time of each message.
+            domain: PDDL text or a path; None: the one that the knowledge base has.
+            problem: PDDL text or a path of a problem that declares objects.
+            client: the client of all transactions.
+
+        Raises:
+            UnknownSymbol: there is no domain.
+            ClockWentBackwards: the clock is before what has been recorded.
+        """
+        self._kb, self._clock, self._client = kb, clock, client
+        if domain is not None:
+            self._load(domain)
+        self._domain: Domain = kb.domain
+        types = {item.instance_name: item.instance_type for item in kb.instances()}
+        if problem is not None:
+            types.update(declared_types(problem, self._domain))
+        self.types = ObjectTypes(self._domain, types)
+        self._executions = Executions(kb, client)
+        self._goal: str | None = None
+
+    def _load(self, domain: str | os.PathLike[str]) -> None:
+        with self._kb.transaction(client=self._client, note="the domain of PlanSys2") as tx:
+            tx.load(domain)
+            found = tx.state().domain
+            for name in () if found is None else (*found.predicate_signatures, *found.function_signatures):
+                tx.set_sensed(name, True)
+
+    # -- knowledge --------------------------------------------------------------------------------------------
+
+    def learn(self, message: Any) -> None:
+        """Infer types of objects from a `Knowledge` that is recorded later, or not at all."""
+        for text in (*message.predicates, *message.functions):
+            atom = _atom(text)
+            self.types.observe(self._domain.symbol(atom.name), atom.arguments)
+
+    def give_types(self, instances: Iterable[Any]) -> None:
+        """Take the types of objects from `Param` messages."""
+        for instance in instances:
+            self.types.give(instance.name, instance.type)
+
+    def missing_types(self, message: Any) -> list[str]:
+        """The objects of a `Knowledge` whose types are not known yet."""
+        return [name for name in message.instances if not self.types.knows(name)]
+
+    def knowledge(self, message: Any, time: int, values: Sequence[Any] | None = None) -> Transaction:
+        """Make the state and the goal what a `Knowledge` says, by the difference alone (rule C13).
+
+        Args:
+            message: has `instances`, `predicates`, `functions` and `goal`.
+            time: when it was published, in nanoseconds.
+            values: `Node` messages of the functions, since PlanSys2 writes functions into a `Knowledge` without
+                their values. None: those that are listed keep the value that is recorded; without one they remain
+                undefined.
+
+        Raises:
+            InvalidKnowledge: with all violations, objects among them whose types cannot be inferred.
+            ClockWentBackwards: the time is before what has been recorded.
+        """
+        if self.missing_types(message):
+            self.learn(message)
+        items: list[KnowledgeItem] = [
+            Instance(instance_name=name, instance_type=type_name)
+            for name, type_name in self.types.types_of(message.instances).items()
+        ]
+        # what is derived is listed by PlanSys2, too
+        facts = (_fact(text) for text in message.predicates)
+        items += [fact for fact in facts if not self._domain.is_derived(fact.attribute_name)]
+        self._clock.set(time)
+        with self._kb.transaction(client=self._client, note="snapshot") as tx:
+            items += _functions(values) if values is not None else self._known_functions(tx, message.functions)
+            tx.replace(*items)
+            if message.goal != self._goal:
+                tx.remove_goal(*tx.state().goals)
+                if message.goal:
+                    tx.add_goal(message.goal)
+        self._goal = message.goal
+        return tx.result
+
+    def _known_functions(self, tx: OpenTransaction, texts: Sequence[str]) -> list[Function]:
+        """The functions of a snapshot with the values that they have there, or are recorded."""
+        if not texts:
+            return []
+        recorded = {key(item.atom): item for item in tx.state().functions}
+        listed = (key(str(_atom(text))) for text in texts)
+        return [recorded[atom] for atom in listed if atom in recorded]
+
+    # -- plans and executions ---------------------------------------------------------------------------------
+
+    def plan(self, message: Any) -> None:
+        """Take a `Plan`: it is the note of the next start, and tells durations."""
+        self._executions.plan(message)
+
+    def action_execution_info(self, message: Any, time: int) -> None:
+        """Record what an `ActionExecutionInfo` reports: a run that starts, ends or is aborted.
+
+        Raises:
+            UnknownSymbol, InvalidKnowledge: the domain does not have such an action, or the objects do not exist.
+            ClockWentBackwards: the time is before what has been recorded.
+        """
+        self._clock.set(time)
+        self._executions.info(message, time)
+
+    def actions_hub(self, message: Any, time: int) -> None:
+        """Record what an `ActionExecution` reports, as `action_execution_info` does."""
+        self._clock.set(time)
+        self._executions.hub(message)
+
+
+def declared_types(problem: str | os.PathLike[str], domain: Domain) -> Mapping[str, str]:
+    """The objects that a problem declares, and their types."""
+    return {item.instance_name: item.instance_type for item in read_problem(problem, domain).instances}
+
+
+def _functions(nodes: Sequence[Any]) -> list[Function]:
+    found = [read(node) for node in nodes]
+    for node, item in zip(nodes, found, strict=True):
+        if not isinstance(item, Function):
+            raise InvalidKnowledge(f"{node!r:.80} is not a Node of a function")
+    return [item for item in found if isinstance(item, Function)]
+
+
+@lru_cache(maxsize=50_000)
+def _fact(text: str) -> Fact:
+    atom = _atom(text)
+    return Fact(attribute_name=atom.name, values=atom.arguments)
+
+
+def _atom(text: str) -> Atom:
+    """A predicate or function as PlanSys2 writes it, for instance ``(robot_at leia kitchen)``."""
+    words = text.strip().removeprefix("(").removesuffix(")").split()
+    if not words or any(sign in word for word in words for sign in "()"):
+        raise InvalidKnowledge(f"{text!r:.80} is not a predicate or function with its arguments")
+    return Atom(words[0], tuple(words[1:]))
