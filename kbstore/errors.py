@@ -117,6 +117,10 @@ class StoreUnavailable(KbStoreError, ConnectionError):
     """The database cannot be reached, is locked by others, is full, or has been closed."""
 
 
+class MissingLibrary(KbStoreError, ImportError):
+    """A library that an optional part of kbstore needs is not installed."""
+
+
 def _escaped(text: str) -> str:
     """The text with its control characters as Python writes them."""
     return _CONTROL.sub(lambda found: repr(found.group())[1:-1], text)

@@ -6,7 +6,8 @@ before, so that the help, ``--version`` and the completion of commands need noth
 
 from typing import NamedTuple
 
-WRITE, ACT, ASK, OVER_TIME, MAINTAIN = "Write", "Act", "Ask about one time", "Ask over time", "Maintain"
+WRITE, ACT, ASK, OVER_TIME = "Write", "Act", "Ask about one time", "Ask over time"
+SERVE, MAINTAIN = "Serve", "Maintain"
 """The panels of the help."""
 
 STORE = "Store"
@@ -107,6 +108,12 @@ COMMANDS = [
         "history.timeline",
         OVER_TIME,
         "Draw the history: as a page for a browser, or as lanes of text within the width of the terminal.",
+    ),
+    Command(
+        "mcp",
+        "mcp.mcp",
+        SERVE,
+        "Offer a knowledge base to an agent, as tools by the Model Context Protocol on standard input and output.",
     ),
     Command("kbs", "admin.kbs", MAINTAIN, "List the knowledge bases of the store."),
     Command(

@@ -1,8 +1,7 @@
 """Options shared by all commands, and the knowledge base that they name."""
 
-import re
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from typing import Annotated
 
 import typer
@@ -12,9 +11,10 @@ from kbstore.cli import completion
 from kbstore.cli.commands import STORE
 from kbstore.cli.times import parse_time
 from kbstore.clock import Clock, ManualClock, SystemClock
-from kbstore.errors import InvalidTime, KbStoreError, StoreUnavailable, StoreWentBack
+from kbstore.errors import KbStoreError, StoreUnavailable
 from kbstore.knowledge_base import KnowledgeBase
 from kbstore.model.results import Transaction
+from kbstore.report.belief import named_transaction
 
 TIMES = "TIME is ISO 8601 with an offset, now, -5m, +1h30m, or nanoseconds."
 
@@ -128,16 +128,7 @@ def at_time(text: str | None, kb: KnowledgeBase) -> int | None:
 
 def belief(text: str | None, kb: KnowledgeBase) -> int | Transaction | None:
     """The time, or the transaction (``tx12``), that --as-of names; None where it was not given."""
-    numbered = re.fullmatch(r"(?:tx|#)([0-9]{1,18})", (text or "").strip().lower())
-    if numbered is None:
-        return at_time(text, kb)
-    number = int(numbered[1])
-    with suppress(StoreWentBack):
-        for change in kb.changes(after=number - 1) if number else ():
-            if change.number == number:
-                return change.transaction
-            break
-    raise InvalidTime(f"{kb.name} has no transaction {number}; kbstore changes lists them")
+    return (None if text is None else named_transaction(text, kb)) or at_time(text, kb)
 
 
 def _named(name: str | None, names: list[str], place: str) -> str:

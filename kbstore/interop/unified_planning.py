@@ -11,13 +11,12 @@ from typing import TYPE_CHECKING, Any
 
 from kbstore.clock import SECOND, isoformat
 from kbstore.conversion import from_composite
-from kbstore.errors import InvalidKnowledge
+from kbstore.errors import InvalidKnowledge, MissingLibrary
 from kbstore.interop.plans import Happening, Step, execute, steps
 from kbstore.interop.up_actions import ActionTranslator, changed_functions
 from kbstore.interop.up_constraints import TrajectoryConstraint, read_constraint, translated, types_of
 from kbstore.interop.up_formulas import FormulaTranslator
 from kbstore.interop.up_symbols import (
-    MissingLibrary,
     Refusals,
     SymbolTranslator,
     ambiguous_names,

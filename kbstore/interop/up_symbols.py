@@ -7,14 +7,10 @@ from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
 
-from kbstore.errors import InvalidKnowledge, KbStoreError
+from kbstore.errors import InvalidKnowledge, MissingLibrary
 from kbstore.model.domain import ROOT_TYPE, Domain, Signature
 from kbstore.model.formulas import Effect, Exists, Forall, ForEach, Formula, Parameter, children
 from kbstore.names import key
-
-
-class MissingLibrary(KbStoreError, ImportError):
-    """A library that an optional part of kbstore needs is not installed."""
 
 
 def library() -> Any:

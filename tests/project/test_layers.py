@@ -25,6 +25,7 @@ LAYERS = (
     ("api",),
     ("__init__",),
     ("ros",),
+    ("serve",),
     ("cli",),
 )
 """From what everything may use to the faces; what stands together in a layer knows nothing of each other."""

@@ -1,0 +1,1 @@
+"""Interfaces for programs that are not Python, each behind an extra of its own."""
