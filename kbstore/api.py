@@ -35,7 +35,7 @@ def open(
     Args:
         url: a SQLAlchemy URL, the path of an SQLite file, or an `Engine` of the caller's.
         name: which world in the store: one robot, or one run.
-        clock: what tells now; the wall clock if None.
+        clock: the time source; the wall clock if None.
         use_unknowns: whether absent reads as unknown (open world); set at creation and stored. None: as stored, and
             a closed world for a new knowledge base.
         durability: "full" keeps every acknowledged transaction through a loss of power; "normal" may lose the last.

@@ -109,7 +109,7 @@ class StoreWentBack(KbStoreError, RuntimeError):
     """The store is at an earlier transaction than before, or at another one of that number.
 
     A backup was restored, or a standby took over that did not have everything. Whoever had transactions acknowledged
-    that are lost is told so once; the next question or transaction takes the store as it is.
+    that are lost gets it once; the next question or transaction takes the store as it is.
     """
 
 

@@ -227,7 +227,7 @@ class KnowledgeBase:
         """Add knowledge to the state: items, their PDDL text, or messages.
 
         `initial_time` counts for items without one of their own; one after now makes timed-initial knowledge. What has
-        held since a time in the past is late knowledge, given with `since`: it holds until whatever begins or ends
+        held since a time in the past is late knowledge, given with `since`: it holds until the next beginning or end
         next, or `until` a time that is not after now (rules L1, L2).
         Raises `InvalidKnowledge` with all violations; nothing is stored then.
         """
@@ -246,7 +246,7 @@ class KnowledgeBase:
     ) -> Transaction:
         """Remove what matches from the state (``?`` matches any object); at a later time, cancel what is scheduled.
 
-        With `since`, a time in the past, remove what matched then, up to whatever begins next; with `until`, what
+        With `since`, a time in the past, remove what matched then, up to the next beginning; with `until`, what
         matched between the two (rule L3).
         """
         with self.transaction(client=client, note=note) as tx:
@@ -653,7 +653,7 @@ class KnowledgeBase:
         """The truth of a condition now, and each change of it as it happens (rule Q9).
 
         Args:
-            condition: whatever `holds` takes.
+            condition: anything that `holds` takes.
             poll: seconds between two looks at the store.
             timeout: seconds to wait for the next change, after which the iterator ends; None: for ever.
 
@@ -672,7 +672,7 @@ class KnowledgeBase:
         """Wait until a condition is true (rule Q9).
 
         Args:
-            condition: whatever `holds` takes.
+            condition: anything that `holds` takes.
             timeout: seconds to wait at most; None: for ever.
             poll: seconds between two looks at the store.
 
@@ -718,7 +718,7 @@ class KnowledgeBase:
 
         Args:
             path: a file to write the page to; one that exists is replaced.
-            patterns: only the lanes that match one of these: ``"(robot_at kenny ?)"``, or a word, for whatever has
+            patterns: only the lanes that match one of these: ``"(robot_at kenny ?)"``, or a word, for everything with
                 that predicate, function, operator or object.
             since: the begin of the span; None: that of the history.
             until: its end; None: the last time of which something is known, or now if that is not far behind it.
@@ -847,7 +847,7 @@ class KnowledgeBase:
         Args:
             before: a time that is not after the latest transaction.
             path: a new file, or an archive to continue.
-            progress: told again and again how many rows are done, and of how many.
+            progress: called repeatedly with the number of rows done and the total.
 
         Raises:
             InvalidTime: the time lies after the latest transaction.

@@ -42,7 +42,7 @@ def kbs(url: Url = None, now: Now = None, as_json: Json = False) -> None:
     place = store(url)
     found = []
     for name in kbstore.knowledge_bases(place):
-        # a clock that stands at 0: now is the latest recorded time
+        # a clock at 0: now is the latest recorded time
         with kbstore.open(place, name, clock=ManualClock(), read_only=True) as kb:
             latest = kb.state()
             domain = None if latest.domain is None else latest.domain.name

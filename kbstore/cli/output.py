@@ -64,7 +64,7 @@ def json_line(found: object) -> None:
 
 
 def _dumps(found: object, indent: int | None = None) -> str:
-    """JSON in which whatever a terminal would obey is escaped; letters of all scripts stay readable."""
+    """JSON in which everything that a terminal would obey is escaped; letters of all scripts stay readable."""
     text = json.dumps(plain(found), ensure_ascii=False, indent=indent)
     return _NOT_SHOWN.sub(lambda found: found[0] if found[0].isprintable() else json.dumps(found[0])[1:-1], text)
 

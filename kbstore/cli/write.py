@@ -80,7 +80,7 @@ def add(
     """Add knowledge: objects, facts of both signs, values of functions. All or nothing.
 
     Knowledge that is added --at a later time is scheduled: it is recorded now, and takes effect then. With --since a
-    time in the past it is late knowledge: it holds up to whatever begins or ends next, or --until a time.
+    time in the past it is late knowledge: it holds up to the next beginning or end, or --until a time.
 
     Examples:
         kbstore add "wp7 - waypoint" "(visited wp7)" --client mapper
@@ -110,7 +110,7 @@ def remove(
     """Remove what matches; ? matches any object. Removing an object removes what mentions it.
 
     To cancel scheduled knowledge, give exactly its time with --at. With --since a time in the past, what matched then
-    is removed up to whatever began next, or --until a time.
+    is removed up to what began next, or --until a time.
 
     Examples:
         kbstore remove "(carries kenny ?)"

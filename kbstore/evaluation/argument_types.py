@@ -27,7 +27,7 @@ class NamedArgument(NamedTuple):
         name: The object, as a key.
         types: The types of the parameter, as keys.
         atom: What it is an argument of.
-        position: Where among the arguments it stands.
+        position: Its index among the arguments.
         signature: The declaration of the atom's symbol.
     """
 

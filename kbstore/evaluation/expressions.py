@@ -43,7 +43,7 @@ def evaluate(
     Raises:
         UndefinedFunction: it reads a function that has no value there.
         DivisionByZero: it divides by zero.
-        InvalidKnowledge: it overflows, is no expression, or has a variable or special number that nothing gives.
+        InvalidKnowledge: it overflows, is not an expression, or has a variable or special number that nothing gives.
     """
     known = keyed(bindings)
 

@@ -152,7 +152,7 @@ def _combined(found: Sequence[_Binding], *, every: bool) -> _Binding:
 
 
 def _declared(variable: str, binding: _Binding, domain: Domain | None) -> Types:
-    """The types of the parameters for which a variable stands, all of them together."""
+    """The types of all parameters that a variable is an argument for."""
     if domain is None:
         return ANY
     declared: dict[str, None] = {}

@@ -19,7 +19,7 @@ def keyed(bindings: Bindings) -> dict[str, str]:
 
 
 def term(argument: str, bindings: Bindings) -> str | None:
-    """The object that an argument stands for, as a key; None if it is a wildcard or a variable without a binding."""
+    """The object of an argument, as a key; None if it is a wildcard or a variable without a binding."""
     return bindings.get(key(argument[1:])) if is_wildcard(argument) else key(argument)
 
 

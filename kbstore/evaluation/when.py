@@ -209,7 +209,7 @@ class SignalEvaluator:
         return {self._start} | signals.changes(found)
 
     def _fact_signals(self, atom: Atom, scope: Variables) -> Iterator[Signal]:
-        """Signals that change wherever an atom in a rule may change, whatever its variables stand for."""
+        """Signals that change wherever an atom in a rule may change, for any binding of its variables."""
         name, wanted = key(atom.name), pattern(atom, {variable: variable for variable in scope})
         for argument in atom.arguments:
             if not is_wildcard(argument):

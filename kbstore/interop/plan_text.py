@@ -58,7 +58,7 @@ def read_plan(text: str, domain: Domain, names: Mapping[str, str] | None = None)
     """Read the steps of a plan in text, in the order in which they happen.
 
     `kbstore.interop.plans.execute` takes them. Blank lines, comments (``;``) and what planners print around a plan are
-    skipped; of several plans the last is read. The domain tells which actions take time: a duration of an
+    skipped; of several plans the last is read. The domain says which actions take time: a duration of an
     instantaneous one in the text counts for nothing. Times are rounded to the nearest nanosecond.
 
     Args:
@@ -145,7 +145,7 @@ class _PlanReader:
         return None
 
     def _is_like_a_step(self, content: str) -> bool:
-        """Return whether a line that is no step is meant to be one, and not text around the plan."""
+        """Return whether a line that is not a step was meant to be one, and not text around the plan."""
         if _LIKE_A_STEP.match(content):
             return True
         number, colon, _ = content.partition(":")

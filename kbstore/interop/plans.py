@@ -90,7 +90,7 @@ def timed_steps(operator: str, arguments: tuple[str, ...], at: int, duration: in
 def in_order(timed: Iterable[Step]) -> list[Step]:
     """Steps that have times, in the order in which they happen; of one time, ends first, and otherwise as they came.
 
-    An end that comes `ROUNDING` or less after something begins is moved to it: where a planner reckons that the one
+    An end that comes `ROUNDING` or less after something begins is moved to it: where a planner computes that the one
     needs the other, its start and duration as decimals may add up to a nanosecond more.
     """
     found = list(timed)

@@ -45,7 +45,7 @@ def to_problem(state: "State", *, environment: Any = None) -> Any:
 
     Names are spelled as the domain spells them. Absent facts are false, also where they are unknown. Timed-initial
     knowledge, and the end effects of what runs, become timed effects relative to the state's time; a function that
-    only running actions move stands still until their ends. Recorded inequalities are statements, and not part of a
+    only running actions move is constant until their ends. Recorded inequalities are statements, and not part of a
     problem.
 
     Args:

@@ -45,7 +45,7 @@ class FormulaTranslator:
     # -- terms and numbers ------------------------------------------------------------------------------------
 
     def term(self, name: str, scope: UpVariables) -> Any:
-        """An object, or what a variable stands for."""
+        """An object, or the binding of a variable."""
         if not name.startswith("?"):
             return self._make.ObjectExp(self.symbols.object(name))
         if key(name[1:]) not in scope:

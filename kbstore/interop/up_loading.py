@@ -126,7 +126,7 @@ class _Writer:
         return PddlTexts(domain, text)
 
     def _refuse_equal_names(self) -> None:
-        """PDDL does not tell upper from lower case, unified_planning does."""
+        """PDDL ignores case, unified_planning does not."""
         problem = self._problem
         transitions = (*problem.actions, *problem.processes, *problem.events)
         for group in (problem.fluents, transitions, problem.all_objects, problem.user_types):

@@ -157,7 +157,7 @@ def quantified(formula: Formula | Effect) -> Iterator[str]:
 
 
 def ambiguous_names(domain: Domain, objects: Iterable[str]) -> list[str]:
-    """The names that mean several things; PDDL tells them apart, unified_planning does not unless it is told to."""
+    """The names that mean several things; PDDL distinguishes them, unified_planning only if asked to."""
     predicates = (signature.name for signature in domain.predicate_signatures.values())
     functions = (signature.name for signature in domain.function_signatures.values())
     operators = (action.name for action in domain.actions.values())

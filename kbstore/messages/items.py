@@ -217,7 +217,7 @@ KnowledgeItem = Annotated[
     Instance | Fact | Function | Expression | Inequality,
     Field(discriminator="knowledge_type", description="A piece of knowledge, in one of five types."),
 ]
-"""A piece of knowledge, told apart by its `knowledge_type`."""
+"""A piece of knowledge, discriminated by its `knowledge_type`."""
 
 Goal = Fact | Inequality | Condition
 """A part of the goal (rule C10)."""

@@ -46,7 +46,7 @@ class Assertion(Result):
     `recorded`, `ended`, `cancelled` and `superseded` are the transactions that did so. An end that came, or is to
     come, by the clock (the next assertion, the end of an object) is the doing of the transaction that had scheduled
     it. Where late knowledge has changed an assertion, it stays as it had been, superseded; what is left of it is
-    recorded by the transaction that told it first. `is_goal` tells a goal from a part of the state.
+    recorded by the transaction that recorded it first. `is_goal` distinguishes a goal from a part of the state.
     """
 
     item: KnowledgeItem | Condition

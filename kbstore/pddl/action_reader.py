@@ -98,7 +98,7 @@ class ActionReader:
                 )
                 raise self.scope.error(problem, group, index)
             if keyword in fields:
-                raise self.scope.error(f"{keyword} stands here for the second time", group, index)
+                raise self.scope.error(f"{keyword} is here for the second time", group, index)
             if not isinstance(value, Group):
                 raise self.scope.error(f"{keyword} is followed by a group in brackets", group, index + 1)
             fields[keyword] = value

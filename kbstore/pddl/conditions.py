@@ -97,7 +97,7 @@ class ConditionReader:
                 return self._equals(group, variables)
             case ">" | ">=" | "<" | "<=":
                 return self._comparison(group, variables)
-        raise self.scope.error(f"({word} ...) constrains a plan's course, and stands only in (:constraints ...)", group)
+        raise self.scope.error(f"({word} ...) constrains a plan's course, and belongs in (:constraints ...)", group)
 
     def quantified(self, group: Group) -> tuple[tuple[Parameter, ...], Group]:
         """The variables of ``(forall (?x - t) part)`` or ``exists``, and the part."""

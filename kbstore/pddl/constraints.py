@@ -38,7 +38,7 @@ class ConstraintReader:
         for index in range(1, len(section)):
             constraint = section[index]
             if not isinstance(constraint, Group):
-                raise self.scope.error(f"a constraint stands in brackets, not {constraint}", section, index)
+                raise self.scope.error(f"a constraint is in brackets, not {constraint}", section, index)
             for part in self.conditions.groups_of(constraint) if constraint.word(0) == "and" else [constraint]:
                 if part:
                     self._check(part, NO_VARIABLES, 0)

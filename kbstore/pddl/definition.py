@@ -28,14 +28,14 @@ class Definition:
         return (section for section in self.sections if section.word(0) == keyword)
 
     def one(self, keyword: str) -> Group | None:
-        """The section of a keyword that stands at most once."""
+        """The section of a keyword that may occur once at most."""
         return next(self.all(keyword), None)
 
 
 def read_definition(scope: Scope, kind: str, known: Collection[str], repeated: Collection[str]) -> Definition:
     """The definition of `kind` ("domain", "problem") that the text consists of.
 
-    `known` are the keywords of its sections; those in `repeated` may stand several times. Raises `PddlSyntaxError`.
+    `known` are the keywords of its sections; those in `repeated` may occur several times. Raises `PddlSyntaxError`.
     """
     top = scope.source.read()
     forms = [index for index, form in enumerate(top) if not (isinstance(form, Group) and form.word(0) == "in-package")]
@@ -46,7 +46,7 @@ def read_definition(scope: Scope, kind: str, known: Collection[str], repeated: C
         raise scope.error(f"a {kind} begins with (define ({kind} name) ...), not with this", top, forms[0])
     if len(forms) > 1:
         second = top[forms[1]]
-        problem = "this stands outside of the definition, which ended before: there is a ')' too many before"
+        problem = "this is outside of the definition, which ended before: there is a ')' too many before"
         if isinstance(second, Group) and second.word(0) == "define":
             problem = "this is a second definition; give domain and problem as two files or texts"
         raise scope.error(problem, top, forms[1])
@@ -82,14 +82,14 @@ def _sections(
             raise scope.error(unknown_keyword(keyword, f"section of a {kind}", known), section, 0)
         if keyword not in repeated and keyword in seen:
             if node_text(section) != node_text(seen[keyword]):
-                raise scope.error(f"the section {keyword} stands here for the second time", section, 0)
+                raise scope.error(f"the section {keyword} is here for the second time", section, 0)
             continue  # the same words again say nothing else
         seen[keyword] = section
         yield section
 
 
 def unknown_keyword(keyword: str, what: str, known: Collection[str]) -> str:
-    """The sentence for a keyword that means nothing where it stands."""
+    """The sentence for a keyword that means nothing in its place."""
     if keyword in _ELSEWHERE:
         return f"{keyword} {_ELSEWHERE[keyword]}"
     close = get_close_matches(keyword[:40], known, 1)

@@ -204,7 +204,7 @@ def _predicates(scope: Scope, definition: Definition) -> dict[str, Signature]:
     for index in range(1, len(section)):
         group = section[index]
         if not isinstance(group, Group):
-            raise scope.error(f"a predicate stands in brackets, like ({group} ?x - type)", section, index)
+            raise scope.error(f"a predicate is in brackets, like ({group} ?x - type)", section, index)
         if group.word(0) == "=" and len(group) > 1:
             continue  # equality, which some old files declare, is built in
         _declare(scope, "predicate", group, signatures)
@@ -236,7 +236,7 @@ def _functions(scope: Scope, definition: Definition) -> tuple[dict[str, Signatur
             index += node == "-"
             declare(_value_types(scope, section, index))
         else:
-            raise scope.error(f"a function stands in brackets, like ({node} ?x - type)", section, index)
+            raise scope.error(f"a function is in brackets, like ({node} ?x - type)", section, index)
         index += 1
     declare(())
     numeric = {name: signature for name, signature in signatures.items() if not types[name]}

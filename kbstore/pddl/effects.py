@@ -151,7 +151,7 @@ class EffectReader:
 
 
 def function_group(scope: Scope, group: Group, index: int) -> Group:
-    """The group of a function's term at a place, also where it stands without brackets, as ``total-cost`` may."""
+    """The group of a function's term at a place, also where it is without brackets, as ``total-cost`` may."""
     node = group[index]
     if isinstance(node, Group):
         return node

@@ -52,7 +52,7 @@ def read_expression(
     """Read the expression at a place of a group.
 
     Sums and products of more than two operands become nested ones; `specials` are the special numbers that mean
-    something where the expression stands. Raises `PddlSyntaxError`, or reports symbols that do not fit.
+    something in the expression's place. Raises `PddlSyntaxError`, or reports symbols that do not fit.
     """
     tokens: list[Token] = []
     stack: list[tuple[Group, int]] = [(group, index)]
@@ -85,7 +85,7 @@ def read_function(
     """
     name = scope.name(group, 0, "numeric function")
     if is_number(name) or name == "?duration":
-        raise scope.error(f"{name} stands without brackets", group)
+        raise scope.error(f"{name} is without brackets", group)
     atom = scope.atom(group, scope.function(name, group), variables, asserted=asserted)
     if scope.patterns and not wildcards:
         refuse_wildcards(scope, group, atom, variables)
@@ -116,7 +116,7 @@ def _word(scope: Scope, group: Group, index: int, word: str, specials: frozenset
     if word.lower().lstrip("+-") in _NO_NUMBERS and not scope.is_bare_function(word):
         raise scope.error(f"{word} is not a number; write a finite one, like 12.5", group, index)
     if word.lower() in _OPERATORS:
-        raise scope.error(f"an operation stands in brackets, like ({word} 1 2)", group, index)
+        raise scope.error(f"an operation is in brackets, like ({word} 1 2)", group, index)
     signature = scope.function(word, group, index)
     if signature is not None and signature.parameters:
         scope.diagnose(InvalidKnowledge, f"{word} needs its arguments: {signature}", group, index)
@@ -137,7 +137,7 @@ def _special(
 
 
 def _operators(scope: Scope, group: Group) -> list[Token]:
-    """The operators that a group of operands stands for: one, or one fewer than operands of a longer sum or product."""
+    """The operators of a group of operands: one, or one fewer than operands of a longer sum or product."""
     operator = _OPERATORS[group.word(0)]
     operands = len(group) - 1
     if operands == 1 and operator is Operator.SUB:

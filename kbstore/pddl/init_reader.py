@@ -77,7 +77,7 @@ class InitReader:
         for index in range(1, len(section)):
             group = section[index]
             if not isinstance(group, Group):
-                raise self.scope.error(f"a fact stands in brackets, like ({group})", section, index)
+                raise self.scope.error(f"a fact is in brackets, like ({group})", section, index)
             values = self._facts.values(group)
             if values is not None:
                 self.entries.append(trusted_fact(str(group[0]), values))

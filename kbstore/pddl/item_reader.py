@@ -103,7 +103,7 @@ class ItemReader:
         return item.changed(is_negative=True)
 
     def metric(self, group: Group, index: int) -> Metric:
-        """The metric whose ``minimize`` or ``maximize`` stands at a place, followed by its expression."""
+        """The metric whose ``minimize`` or ``maximize`` is at a place, followed by its expression."""
         optimization, expression = read_metric(self._unchecked(), group, index, ANY_SPECIAL)
         return Metric(optimization=optimization, expr=self.composite(expression))
 
@@ -150,7 +150,7 @@ class ItemReader:
         elif len(words) == 2 and name[-1] == "-" and len(name) > 1:
             name, type_name = name[:-1], words[1]
         elif len(words) > 1 or scope.is_predicate(name) or scope.is_function(name):
-            raise scope.error(f"a fact stands in brackets, like ({' '.join(words)})", top, 0)
+            raise scope.error(f"a fact is in brackets, like ({' '.join(words)})", top, 0)
         if name == "-" or type_name == "-":
             raise scope.error(
                 f"an object and its type are written like wp7 - waypoint, not {node_text(top, 60)}", top, 0

@@ -63,7 +63,7 @@ def parse_condition(text: str, domain: Domain | None = None) -> Formula:
     item = ItemReader(scope).read(top)
     if isinstance(item, Instance):
         return condition_of(item, domain)
-    raise scope.error(f"{node_text(top, 60)} is not a condition; a condition stands in brackets", top, 0)
+    raise scope.error(f"{node_text(top, 60)} is not a condition; a condition is in brackets", top, 0)
 
 
 def parse_stored(text: str) -> Formula:

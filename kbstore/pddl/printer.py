@@ -124,7 +124,7 @@ def _listed(opening: str, parts: tuple[_Piece, ...]) -> list[_Piece]:
 
 
 def _together(effects: tuple[Effect, ...]) -> list[_Piece]:
-    """Several effects stand in one ``and``."""
+    """Several effects are joined by one ``and``."""
     return [effects[0]] if len(effects) == 1 else _listed("(and", effects)
 
 

@@ -39,7 +39,7 @@ def parse_query(text: str, domain: Domain | None = None) -> Query:
     found = _Finder(context)
     condition = found.read(group)
     if group is top and not _is_typed(group):
-        raise context.error(f"{node_text(top, 60)} is not a condition; a condition stands in brackets", top, 0)
+        raise context.error(f"{node_text(top, 60)} is not a condition; a condition is in brackets", top, 0)
     variables = tuple(found.variables.values())
     bound = {key(variable.name): variable.types or ("object",) for variable in variables}
     return Query(ConditionReader(context).read(condition, bound), variables)

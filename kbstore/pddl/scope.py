@@ -26,9 +26,9 @@ class Scope:
     """The text that is read, and what its names may refer to.
 
     Without `domain` every predicate, function and type is known. `objects` maps the objects that may be named to
-    their types (both as keys); without it any object may be named. Of `patterns`, which questions are, free variables
-    match any object (rule V7), and functions and objects may stand for conditions. A text that `is_stored` has been
-    checked: without a domain, terms in it are those of object fluents.
+    their types (both as keys); without it any object may be named. In `patterns`, such as questions, free variables
+    match any object (rule V7), and functions and objects may be conditions. A text that `is_stored` has been checked:
+    without a domain, terms in it are those of object fluents.
     """
 
     source: SourceText
@@ -58,7 +58,7 @@ class Scope:
     # -- words ------------------------------------------------------------------------------------------------
 
     def name(self, group: Group, index: int, what: str) -> str:
-        """The word at a place, as written: the name of `what` ("predicate"), which has to stand there."""
+        """The word at a place, as written: the name of `what` ("predicate"), which has to be there."""
         if index >= len(group):
             raise self.error(f"the name of the {what} is missing", group, index)
         node = group[index]

@@ -104,7 +104,7 @@ class SourceText:
         return self._offsets
 
     def error(self, problem: str, offset: int) -> PddlSyntaxError:
-        """The refusal of what stands at an offset."""
+        """The refusal of the text at an offset."""
         line, column = self.place(offset)
         problem = bounded(problem)
         begin = offset - column + 1

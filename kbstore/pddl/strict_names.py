@@ -24,7 +24,7 @@ RESERVED = frozenset(
         *ASSIGNMENTS,
     )
 )
-"""Words of PDDL that some parser takes for its own wherever they stand."""
+"""Words of PDDL that some parser takes for keywords in any place."""
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ def _renamed(text: str, domain: Domain | None, used: Mapping[str, str]) -> Stric
         if key(name) in new:
             pieces += [text[end:offset], new[key(name)]]
             end = offset + len(name)
-    # what is left of other characters stands in comments, at which some planners fail, too
+    # what is left of other characters is in comments, at which some planners fail, too
     written = "".join([*pieces, text[end:]]).encode("ascii", "replace").decode()
     return StrictPddl(written, {strict: used[name_key] for name_key, strict in new.items()})
 
@@ -95,7 +95,7 @@ def _renamed(text: str, domain: Domain | None, used: Mapping[str, str]) -> Stric
 def _replacements(used: Mapping[str, str]) -> dict[str, str]:
     """A name for each of those that not every planner reads, by their keys: what it has of letters, and a digest.
 
-    By the digest it is the same whatever else is in use; only where that is in use, the digest gets longer.
+    The digest makes it independent of the other names in use; only where it is taken, the digest gets longer.
     """
     new: dict[str, str] = {}
     taken = set(used)
@@ -182,7 +182,7 @@ class _Names:
             todo += reversed(parts)
 
     def _word(self, group: Group, index: int, prefix: str = "?") -> Iterator[Place]:
-        """The name at a place, without what may stand before it; none where PDDL's own word stands there."""
+        """The name at a place, without a prefix; none where PDDL's own word is there."""
         word = group[index] if index < len(group) else ""
         if isinstance(word, str) and (key(word) not in _SPECIAL or self._scope.is_function(word)):
             name = word.removeprefix(prefix)

@@ -57,7 +57,7 @@ def read_typed_list(scope: Scope, group: Group, start: int) -> Iterator[Typed]:
 def read_parameters(scope: Scope, group: Group, start: int = 0, *, positional: bool = False) -> tuple[Parameter, ...]:
     """Read the typed variables of a group.
 
-    A name may stand in the list twice where the parameters are `positional`, as in the declaration of a predicate
+    A name may occur in the list twice where the parameters are `positional`, as in the declaration of a predicate
     (rule P4). Raises `PddlSyntaxError`; reports unknown types.
     """
     parameters: list[Parameter] = []
@@ -98,7 +98,7 @@ def _begins_line(scope: Scope, group: Group, index: int) -> bool:
 
 
 def _ends_in_type(scope: Scope, group: Group, index: int) -> bool:
-    """Return whether the word with a '-' glued to its end is followed by a type: nothing else can stand there."""
+    """Return whether the word with a '-' glued to its end is followed by a type: nothing else can be there."""
     if index + 1 >= len(group) or len(group[index]) < 2:
         return False
     if index + 2 < len(group) and group[index + 2] == "-":

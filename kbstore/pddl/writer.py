@@ -132,7 +132,7 @@ def _problem_name(name: str) -> str:
 def _objects(instances: Iterable[Instance]) -> Iterator[str]:
     """The objects by type; where no object has a type, their names alone, which untyped domains expect.
 
-    A name that begins or ends with '-' stands on a line of its own, where it cannot be taken for a type's mark.
+    A name that begins or ends with '-' is on a line of its own, where it cannot be taken for a type's mark.
     """
     by_type: dict[str, list[str]] = {}
     for instance in instances:

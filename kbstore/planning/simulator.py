@@ -113,8 +113,8 @@ class Simulator:
         existed = before is not None and not before[2][0]
         if timeline.kind is KnowledgeType.INSTANCE and value[0] and existed:
             name = timeline.key
-            for mentioning, _, stands in self.rows:
-                if name in self._mentions(mentioning, stands):
+            for mentioning, _, value in self.rows:
+                if name in self._mentions(mentioning, value):
                     del self._standing[mentioning.identity]
                     yield Event(self._now, mentioning, None)
             if not self._recorded:

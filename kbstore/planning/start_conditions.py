@@ -1,7 +1,7 @@
 """Latched start conditions: those that later effects of an action depend on (rules O2, O3).
 
 A condition that was true is remembered as PDDL text, with objects in their places and all names as keys. Such texts are
-stored with what runs: each says by itself what was true, whatever becomes of the domain or of the objects meanwhile.
+stored with what runs: each records by itself what was true, independent of later changes to the domain or the objects.
 """
 
 from collections.abc import Iterator

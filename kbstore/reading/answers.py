@@ -27,7 +27,7 @@ from kbstore.storage.repository import Repository
 _Prepared = PreparedCondition | PreparedExpression
 
 _Answer = Truth | float | Number
-"""A truth value, a number that stands still, or one that moves."""
+"""A truth value, a constant number, or one that moves."""
 
 _Found = tuple[int, int, _Answer]
 """An answer, and the span of time in which it is right if nobody commits: ``since <= t < until``."""
@@ -98,7 +98,7 @@ class Answers:
     def _from_timeline(
         self, repository: Repository, prepared: _Prepared, at: TimeLike | None, *, look_ahead: bool
     ) -> _Found | None:
-        """The answer by what holds on a single timeline; None where that cannot be told by one statement."""
+        """The answer by what holds on a single timeline; None where one statement is not enough."""
         timeline = prepared.timeline
         if timeline is None:
             assert prepared.key is not None

@@ -66,7 +66,7 @@ def _moments(repository: Repository, now: TemporalPoint, formula: Formula, domai
 
 
 def _timelines(repository: Repository, formula: Formula, domain: Domain | None) -> list[Timeline] | None:
-    """The timelines that may decide a condition; None where that cannot be told."""
+    """The timelines that may decide a condition; None where that is unknown."""
     found: list[Timeline] = []
     # which objects there are matters to quantifiers, wildcards and types
     asks_for_objects = any(isinstance(node, Exists | Forall | IsA) for node, _, _ in walk(formula, {}))

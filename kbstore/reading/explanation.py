@@ -120,7 +120,7 @@ class Explainer:
         """Explain a condition by the parts that decide it.
 
         It is as it is since the latest of them, unless it was the same before that, perhaps always, or became so
-        later: numbers move by the clock, and a quantifier speaks of objects that come and go.
+        later: numbers move by the clock, and a quantifier ranges over objects that come and go.
         """
         since = max((part.since for part in parts if part.since is not None), default=None)
         transaction = next((part.transaction for part in parts if part.since == since and since is not None), None)
@@ -129,17 +129,17 @@ class Explainer:
             guess = state.at if since is None else since
             turned = since_when(self._reader, repository, condition, truth, state.at, guess=guess)
             if turned == 0:
-                # whatever has been told of what decides it now
+                # in spite of what has been recorded of the parts that decide it now
                 since = transaction = None
             elif turned is not None and since is not None and turned < since:
-                # what decides it now was told later; it was the same by what was told before
+                # what decides it now was recorded later; it was the same by what was recorded before
                 first = self._reader.state(repository, self._reader.resolver.resolve(repository, turned))
                 since, transaction = turned, self._condition(repository, first, condition).transaction
             elif turned is not None and turned != since:
                 since, transaction = turned, self._transaction_of(repository, turned) or transaction
         if not reason:
-            made_up = "decided by its parts" if parts else "always so" if is_constant else "by all that it speaks of"
-            reason = parts[0].reason if len(parts) == 1 else made_up
+            composed = "decided by its parts" if parts else "always so" if is_constant else "by all its objects"
+            reason = parts[0].reason if len(parts) == 1 else composed
         return Explanation(condition_text(condition), truth, reason, since, transaction, tuple(parts))
 
     def _transaction_of(self, repository: Repository, t: int) -> Transaction | None:
@@ -190,7 +190,7 @@ class Explainer:
             # what late knowledge took away altogether
             known = [row for row in rows if row.superseded is not None]
         if not known and head.history_from:
-            # a timeline is kept for good; what stood on it may have been archived
+            # a timeline is kept for good; its assertions may have been archived
             raise self._reader.resolver.archived(f"what there was of ({timeline.spelling})", head)
         return sorted(known, key=lambda row: (row.initial_time, row.recorded))
 

@@ -79,7 +79,7 @@ class ItemFactory:
                 return Inequality(initial_time=initial_time, is_negative=bool(value[0]), ineq=inequality)
 
     def items(self, rows: Iterable[tuple[Timeline, int, Value]], t: int) -> list[KnowledgeItem | Condition]:
-        """The items that stand, in order of their initial times."""
+        """The items that hold, in order of their initial times."""
         return [self.item(*row, t) for row in sorted(rows, key=_order)]
 
     def _expression(self, text: str) -> ExprComposite:

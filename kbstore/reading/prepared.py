@@ -182,7 +182,7 @@ def question_key(question: Question) -> Hashable | None:
 
 
 def _is_lasting(question: Question, symbols: SymbolTable, atoms: Iterable[tuple[KnowledgeType, Atom]]) -> bool:
-    """Return whether a question means the same whatever symbols are used for the first time from now on (rule D2)."""
+    """Return whether a question keeps its meaning when other symbols are used for the first time later (rule D2)."""
     if symbols.domain is not None:
         return True
     if isinstance(question, Fact | Function) and any(question.labels):

@@ -142,7 +142,7 @@ def as_condition(question: Question, symbol_table: SymbolTable) -> formulas.Form
             return formulas.Defined(condition)
         if isinstance(condition, formulas.IsA) and not condition.type_name:
             raise InvalidKnowledge(
-                f"{condition.name} is a bare word, and not a condition; a fact stands in brackets: ({condition.name}); "
+                f"{condition.name} is a bare word, and not a condition; a fact is in brackets: ({condition.name}); "
                 f"whether an object exists is asked with its type: {condition.name} - object"
             )
         return condition

@@ -49,7 +49,7 @@ class TemporalPoint(NamedTuple):
 
     @property
     def is_settled(self) -> bool:
-        """Whether what holds is the same whatever is recorded from now on, but for late knowledge (rule T5)."""
+        """Whether nothing recorded from now on changes what holds, late knowledge aside (rule T5)."""
         return self.is_known_now and self.valid_time < self.head.time and self.valid_time < self.system_time.time
 
 
@@ -165,11 +165,11 @@ class Resolver:
         return TemporalPoint(position.time, position, True, head, position, position, ())
 
     def is_stored(self, t: int, latest: int, last_run: int, history_from: int) -> bool:
-        """Return whether the rows that are known now answer for a time, as can be told by the head alone.
+        """Return whether the rows that are known now answer for a time, as far as the head alone decides.
 
         Of that, `latest` is the time; `last_run` and `history_from` are called so there, too.
 
-        `resolve` tells the same of every time, reading what runs where that matters, and refuses what cannot be
+        `resolve` decides the same for every time, reading what runs where that matters, and refuses what cannot be
         answered.
         """
         if t > latest and (self.is_archive or (last_run and t > self.read_clock())):

@@ -89,7 +89,7 @@ class State(Result):
         self._explainer = explainer
         self._reader = ItemFactory(symbol_table)
 
-    # -- what stands ------------------------------------------------------------------------------------------
+    # -- contents ---------------------------------------------------------------------------------------------
 
     @property
     def domain(self) -> MessageDomain | None:

@@ -1,6 +1,6 @@
 """Reads what held over a span of time: the `Trajectory` on which `when` is computed.
 
-Only the timelines that a condition reads are read, from the assertion that stands where the span begins.
+Only the timelines that a condition reads are read, from the assertion that holds where the span begins.
 """
 
 from collections import defaultdict
@@ -254,9 +254,9 @@ def since_when(
 ) -> int | None:
     """Return the time since which a condition has kept, without interruption, its truth value of a given time.
 
-    0 where it always was, None where that cannot be told (rule Q4, `NotLinear`). A `guess` that is not too early saves
-    time: history is read from there, and from ever earlier times where that is too late. Raises `HistoryUnavailable`
-    where it has been so for longer than history is kept (rule Q7).
+    0 where it always was, None where that cannot be computed (rule Q4, `NotLinear`). A `guess` that is not too early
+    saves time: history is read from there, and from ever earlier times where that is too late. Raises
+    `HistoryUnavailable` where it has been so for longer than history is kept (rule Q7).
     """
     head = repository.head()
     begin = head.history_from

@@ -228,7 +228,7 @@ class StoreConnection(ABC):
             if self._must_roll_back():
                 self._execute("ROLLBACK")
         except self._error:
-            # whatever the reason is: a connection that is dropped has no transaction any more
+            # for any reason: a connection that is dropped has no transaction any more
             self.is_lost = True
 
     def _must_roll_back(self) -> bool:
@@ -271,7 +271,7 @@ class StoreConnection(ABC):
     # -- the connection ---------------------------------------------------------------------------------------
 
     def is_alive(self) -> bool:
-        """Return whether the connection can be used, as far as that can be told without waiting."""
+        """Return whether the connection can be used, as far as is known without waiting."""
         return not self.is_lost
 
     @abstractmethod

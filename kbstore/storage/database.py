@@ -51,7 +51,7 @@ class Database:
         self.dialect = self.engine.dialect.name
         self._errors = DBAPIError, PoolTimeout, self.engine.dialect.loaded_dbapi.Error
         self.can_remember = isinstance(self._connections, ThreadConnections)
-        """Whether connections can tell that nobody has committed."""
+        """Whether connections can detect that nobody has committed."""
         self.checkout = self._connections.checkout
         self.checkin = self._connections.checkin
         self.close = self._connections.close

@@ -12,7 +12,7 @@ from kbstore.errors import StoreUnavailable
 from kbstore.storage.server_engine import server_engine
 
 BUSY_TIMEOUT = 30.0
-"""Seconds to wait for a lock that others hold, unless told otherwise."""
+"""Seconds to wait for a lock that others hold, by default."""
 
 
 def make_engine(url: str | os.PathLike[str] | URL, *, busy_timeout: float = BUSY_TIMEOUT) -> Engine:

@@ -1,4 +1,4 @@
-"""The relational interval tree: which rows stood at a time, by plain B-tree indexes.
+"""The relational interval tree: which rows held at a time, by plain B-tree indexes.
 
 Source: H.-P. Kriegel, M. Pötke, T. Seidl, "Managing Intervals Efficiently in Object-Relational Databases",
 VLDB 2000. Every closed interval is kept under one node of a virtual binary tree over time: the one within it where
@@ -6,8 +6,8 @@ the paths from the root to its two ends part. The intervals that contain a time 
 to t, so they are found by at most 62 index look-ups, however long the history.
 
 Other than in the paper a row of the large tables keeps not the node but its `level`, the height of the node above the
-leaves: on one level the end of an interval tells its node. That is one byte instead of eight, in the row and in both
-of its indexes. Rows that are open have a level of their own, as if the tree were higher by one. A row that was
+leaves: on one level the end of an interval gives its node. That is one byte instead of eight, in the row and in both of
+its indexes. Rows that are open have a level of their own, as if the tree were higher by one. A row that was
 superseded moves to the negative level ``-1 - level``, which questions about what is known now never visit.
 """
 

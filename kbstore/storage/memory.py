@@ -2,7 +2,7 @@
 
 A store goes back when a backup is restored over it, when an asynchronous standby takes over, or when its file is
 copied back. From then on numbers of timelines, of versions and of transactions may mean something else. Each
-transaction has a random token, so that one comparison tells: the store has gone back if it is at a lower number than
+transaction has a random token, so that one comparison decides: the store has gone back if it is at a lower number than
 before, or if the last transaction that was seen has another token now.
 """
 
@@ -89,14 +89,14 @@ class StoreMemory:
         self.progress.forgetting.append(forget)
 
     def acknowledge(self, head: Head, timelines: Iterable[Timeline]) -> None:
-        """Remember where the record stands for this process, and the timelines that it made in a transaction."""
+        """Remember the end of the log for this process, and the timelines that it made in a transaction."""
         with self.progress.lock:
             self.progress.seen = self.progress.acknowledged = Mark(head.number, head.token)
         for timeline in timelines:
             self.timelines.put(timeline)
 
     def look(self, seen: Mark, now: Mark, token_of: Callable[[int], int | None]) -> bool:
-        """Take note of where the record stands.
+        """Take note of the end of the log.
 
         Args:
             seen: what had been seen before the record was looked at.
@@ -107,7 +107,7 @@ class StoreMemory:
             Whether the store has gone back; everything that was remembered is forgotten then.
 
         Raises:
-            StoreWentBack: a transaction of this process is gone. It is told once.
+            StoreWentBack: a transaction of this process is gone. It is raised once.
         """
         progress = self.progress
         if now.number > seen.number and (not seen.number or token_of(seen.number) == seen.token):
@@ -138,5 +138,5 @@ def went_back(name: str, known: int, now: int) -> StoreWentBack:
     where = f"has another transaction {known}" if now == known else f"is at transaction {now}"
     return StoreWentBack(
         f"the store has gone back: {name} was at transaction {known}, and {where}; a backup was restored, or a "
-        "standby took over. Transactions are lost: read the state again, and tell what is still true"
+        "standby took over. Transactions are lost: read the state again, and record what is still true"
     )

@@ -24,7 +24,7 @@ from kbstore.storage.statement_events import ObservedDriver, is_observed
 
 
 class PooledConnections(Connections):
-    """One connection for each operation; a thread has at most one at a time, whatever it does within an operation."""
+    """One connection for each operation; a thread has at most one at a time, also for operations within operations."""
 
     def checkout(self) -> StoreConnection:
         """A connection from the pool, or the one that this thread has already; to be checked in."""

@@ -31,7 +31,7 @@ _TABLE = re.compile(rf"{_BEFORE}({'|'.join(tables.metadata.tables)})\b(?![.(])")
 
 
 def quoted(name: str) -> str:
-    """A name as PostgreSQL takes it, whatever it has in it."""
+    """A name quoted for PostgreSQL."""
     return '"' + name.replace('"', '""') + '"'
 
 

@@ -79,7 +79,7 @@ def _first_transaction_from() -> Any:
     span = ends.where(_heads.kb_id == KB).cte("span", recursive=True)
     middle = (span.c.low + span.c.high).op(">>")(constant(1))
     from_middle = _transaction.where(_transactions.number >= middle).order_by(_transactions.number).limit(constant(1))
-    # numbers that are missing have been archived: what follows them stands for them
+    # numbers that are missing have been archived: what follows them takes their place
     is_before = from_middle.with_only_columns(_transactions.recorded_time).scalar_subquery() < parameter("time")
     halves = select(
         sa.case((is_before, middle + constant(1)), else_=span.c.low),
@@ -175,7 +175,7 @@ _pending = _scheduled.with_hint(tables.schedules, "INDEXED BY ix_schedules_node"
 _uncancelled = _schedules.until_time == _schedules.initial_time
 
 pending = Statement(_pending)
-"""The rows that had been told by :t, were not cancelled at :t, and take effect after it."""
+"""The rows that had been recorded by :t, were not cancelled at :t, and take effect after it."""
 
 pending_as_of = Statement(
     sa.union_all(

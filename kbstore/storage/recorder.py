@@ -176,7 +176,7 @@ class Recorder:
 
 
 def put_head(connection: StoreConnection, kb: int, head: Head) -> None:
-    """Say where the record of a knowledge base stands."""
+    """Write the head of a knowledge base."""
     connection.run(queries.put_head, {"kb": kb, **dict(zip(HEAD_COLUMNS, head, strict=True))})
 
 

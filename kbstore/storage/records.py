@@ -15,7 +15,7 @@ StateRow = tuple[Timeline, int, Value]
 
 
 class Head(NamedTuple):
-    """The row of a knowledge base that a writer locks: where its record stands.
+    """The row of a knowledge base that a writer locks: the end of its log.
 
     Attributes:
         token: the random number of the last transaction.

@@ -1,8 +1,8 @@
-"""The schema of a store: set up where a database is empty, checked at every opening, changed when told to.
+"""The schema of a store: set up where a database is empty, checked at every opening, changed on request.
 
-The revision of the schema, four digits, stands in the database (`VERSION_TABLE`). What is done to a schema is done
-by the migrations, which alembic runs (`migrations/env.py` tells how). Nothing migrates a database that holds data
-without being told to.
+The revision of the schema, four digits, is in the database (`VERSION_TABLE`). What is done to a schema is done
+by the migrations, which alembic runs (see `migrations/env.py`). Nothing migrates a database that holds data
+without being asked to.
 """
 
 import re
@@ -93,7 +93,7 @@ def ensure(engine: sa.Engine, *, read_only: bool, schema: str | None = None) -> 
 
     `schema` is that of a PostgreSQL database in which the tables are.
 
-    A database counts as empty that has none of kbstore's tables, whatever else it holds. Raises `SchemaOutOfDate`
+    A database without any of kbstore's tables counts as empty. Raises `SchemaOutOfDate`
     (also for an empty database that is opened read-only), `SchemaTooNew` or `SchemaUnknown`.
     """
     with _translating(engine), connecting(engine, existing=read_only) as connection:

@@ -94,7 +94,7 @@ def _patient() -> Any:
     class PatientConnection(psycopg.Connection):
         """Closes itself, with an `OperationalError`, when the server has said nothing for `answer_timeout` seconds.
 
-        Silence counts, not the length of an answer: psycopg's wait is told every 0.1 s that nothing came.
+        Silence counts, not the length of an answer: psycopg's wait is woken every 0.1 s that nothing came.
         """
 
         answer_timeout: float | None = None

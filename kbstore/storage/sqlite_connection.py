@@ -77,7 +77,7 @@ class SqliteConnection(StoreConnection):
     def use_write_ahead_log(self) -> None:
         """Readers and a writer don't wait for each other; a property of the file.
 
-        Where several connections change it at once SQLite does not wait, whatever its time-out is.
+        Where several connections change it at once SQLite does not wait, in spite of its time-out.
         """
         deadline = time.monotonic() + self.options.busy_timeout
         while True:
@@ -147,7 +147,7 @@ class SqliteConnection(StoreConnection):
 
     def _committed(self) -> None:
         super()._committed()
-        # data_version does not tell of this connection's own commits
+        # data_version does not change by this connection's own commits
         self._memory.clear()
 
     def _must_roll_back(self) -> bool:

@@ -1,7 +1,7 @@
 """SQL statements: SQLAlchemy Core constructs, compiled once for each dialect to the text that its driver takes.
 
 Statements run on the driver's own cursor (`kbstore.storage.connection`): executing a Core construct takes about 70
-microseconds, where looking one row up takes three. What Core has no words for stands here: arrays as parameters,
+microseconds, where looking one row up takes three. What Core has no construct for is here: arrays as parameters,
 and the index that SQLite is told to use.
 """
 
@@ -18,7 +18,7 @@ from sqlalchemy.sql.functions import FunctionElement
 
 
 class _Compiler(SQLiteCompiler):
-    """SQLite joins in the order in which it is written, and takes the index that a hint names, whatever it guesses."""
+    """SQLite joins in the order in which it is written, and takes the index that a hint names over its own choice."""
 
     # SQLite's own would write OFFSET, too
     limit_clause = SQLCompiler.limit_clause
@@ -161,7 +161,7 @@ def between(column: Any, after: str = "after", upto: str = "upto") -> ColumnElem
 
 
 def constant(number: int) -> ColumnElement[Any]:
-    """A number that stands in the text of the statement: the condition of a partial index is recognised by it."""
+    """A number written into the text of the statement: the condition of a partial index is recognised by it."""
     return sa.literal_column(str(number))
 
 

@@ -267,7 +267,7 @@ assertion_tables: dict[KnowledgeType, Table] = {
 schedules = Table(
     "schedules",
     metadata,
-    # one row for each assertion that was recorded before its initial time, whatever became of it
+    # one row for each assertion that was recorded before its initial time, cancelled or not
     Column("kb_id", Integer, nullable=False),
     Column("seq", Integer, nullable=False),
     Column("recorded_tx", BigInteger, nullable=False),
@@ -279,7 +279,7 @@ schedules = Table(
     # where the interval tree keeps the span in which it was pending
     Column("node", BigInteger),
     Column("knowledge_type", SmallInteger, nullable=False),
-    # it was not told, but follows from what was
+    # it was not recorded by anyone, but follows from what was
     Column("is_derived", Boolean, nullable=False),
     PrimaryKeyConstraint("kb_id", "recorded_tx", "seq"),
     sqlite_with_rowid=False,

@@ -1,6 +1,6 @@
 """Moving history out of a store, into an archive that can be asked as the store was (rule Q7).
 
-The store keeps what is needed to answer about a time T and later: what stood then, and the transactions that
+The store keeps what is needed to answer about a time T and later: what held then, and the transactions that
 recorded it. The archive has everything that had been recorded before T.
 
 Killed at any moment, archiving is done again with the same arguments, and finishes: the archive is written in one

@@ -1,7 +1,7 @@
 """The file that history is archived into: an SQLite store, marked, in which a knowledge base ends before a time.
 
-In it a knowledge base is exactly as it was just before that time: it holds whatever had been recorded by then, ends
-and cancellations that came later are not known yet, and the ends that were expected are derived anew.
+In it a knowledge base is exactly as it was just before that time: it holds everything recorded by then, ends and
+cancellations that came later are not known yet, and the ends that were expected are derived anew.
 """
 
 from collections.abc import Callable, Iterator
@@ -50,7 +50,7 @@ class ArchiveFile:
             database.close()
 
     def head(self) -> Head | None:
-        """Where its record stands; None if it has nothing of the knowledge base yet. It ends right after that time."""
+        """The end of its log; None if it has nothing of the knowledge base yet. It ends right after that time."""
         with self._database.read() as session:
             found = directory.find(session, self._name)
             return None if found is None else Repository(session, found.kb, StoreMemory()).head()
@@ -173,7 +173,7 @@ class _Past:
         ended = record["ended_tx"]
         revision = self._revisions.get((record["recorded_tx"], record["seq"]))
         if revision is not None and (not self._is_later(ended) or revision[0] <= ended):
-            # the first change after `upto` tells the end before it
+            # the first change after `upto` gives the end before it
             record = record | {"end_time": revision[1]}
         elif self._is_later(ended):
             # what ended without a revision had been open

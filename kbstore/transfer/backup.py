@@ -24,7 +24,7 @@ def backup(url: Store, path: str | os.PathLike[str], *, progress: Progress | Non
     Args:
         url: the store.
         path: the new file, which must not exist yet; it is whole and on the disk, or not there at all.
-        progress: told again and again how much is copied, and of how much (pages of an SQLite file, else rows).
+        progress: called repeatedly with how much is copied, and of how much (pages of an SQLite file, else rows).
 
     Returns:
         The path.

@@ -19,13 +19,13 @@ File = str | os.PathLike[str] | IO[bytes]
 
 
 def export_knowledge_base(url: Store, name: str, file: File, *, progress: Progress | None = None) -> int:
-    """Write a knowledge base to a file as JSON Lines, as it stands at one moment; writers go on meanwhile.
+    """Write a knowledge base to a file as JSON Lines, as it is at one moment; writers go on meanwhile.
 
     Args:
         url: the store.
         name: the knowledge base.
         file: a path, which must not exist yet and does not before all is written; or a file open in binary mode.
-        progress: told again and again how many rows are written, and of how many.
+        progress: called repeatedly with the number of rows written and the total.
 
     Returns:
         The number of rows.
@@ -62,13 +62,13 @@ def import_knowledge_base(url: Store, file: File, name: str | None = None, *, pr
         url: the store; an empty database is set up.
         file: a path, or a file open in binary mode.
         name: the name in this store; None: the one that it had.
-        progress: told again and again how many rows are read, and of how many.
+        progress: called repeatedly with the number of rows read and the total.
 
     Returns:
         The name under which it was stored.
 
     Raises:
-        InvalidKnowledge: the store has a knowledge base of that name, or the file is no export, was cut off or was
+        InvalidKnowledge: the store has a knowledge base of that name, or the file is not an export, was cut off or was
             altered; the message names the line.
         SchemaTooNew: the file was written by a newer kbstore.
         StoreUnavailable: the store or the file cannot be reached.

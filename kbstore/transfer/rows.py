@@ -55,7 +55,7 @@ class RowSource:
     """Reads a part of a knowledge base on one snapshot of its store.
 
     Attributes:
-        head: where the record stands in the store.
+        head: the end of the log in the store.
         token: that of the last transaction of the part.
         timeline: the last timeline of the part.
     """
@@ -106,7 +106,7 @@ class RowSource:
 class RowTarget:
     """Writes rows of one knowledge base, on a connection with a write transaction.
 
-    A new knowledge base is made if there is none of that name; `is_new` tells. Rows that are there already, by their
+    A new knowledge base is made if there is none of that name; `is_new` says so. Rows that are there already, by their
     keys, are replaced as far as they can change.
     """
 
@@ -121,7 +121,7 @@ class RowTarget:
         self._connection.many(statement, [self._row(statement.columns, record) for record in records])
 
     def put_head(self, head: Head) -> None:
-        """Say where the record stands; whoever follows another store does so in that store only."""
+        """Write the head; whoever follows another store does so in that store only."""
         put_head(self._connection, self.kb, head._replace(source=None))
 
     def _row(self, columns: Sequence[str], record: Record) -> list[Any]:
@@ -144,7 +144,7 @@ _derived: Final[dict[str, Callable[[Record], int | None]]] = {"level": _level, "
 
 
 def copy(source: RowSource, target: RowTarget, step: Callable[[int], None]) -> None:
-    """Write all rows of a source; `step` is told how many more have been written."""
+    """Write all rows of a source; `step` is called with how many more have been written."""
     for table in by_table:
         for records in batches(source.records(table)):
             target.add(table, records)
@@ -159,7 +159,7 @@ def batches(records: Iterable[Record]) -> Iterator[list[Record]]:
 
 
 class Steps:
-    """Counts what is done, and tells a callback of it."""
+    """Counts what is done, and calls back with it."""
 
     def __init__(self, progress: Progress | None, total: int) -> None:
         self._progress = progress

@@ -323,7 +323,7 @@ def _since(state: State, condition: Formula) -> int | None:
         # it has failed for longer than history is kept
         return None
     except InvalidKnowledge:
-        # it reads ?duration, and is no matter of the state alone
+        # it reads ?duration, so the state alone does not decide it
         return None
 
 

@@ -88,7 +88,7 @@ class ChangeSet:
             self.loaded(self._repository.find(role, kind, missing).values())
 
     def prefetch(self, role: Role, items: Iterable[KnowledgeItem | Condition]) -> None:
-        """Load at once the timelines that items will touch, as far as these can be told beforehand."""
+        """Load at once the timelines that items will touch, as far as they are known beforehand."""
         atoms: dict[KnowledgeType, dict[str, tuple[str, ...]]] = defaultdict(dict)
         objects: set[str] = set()
         for item in items:
@@ -176,7 +176,7 @@ class ChangeSet:
         self.objects_changed += 1
 
     def is_set(self, function: Atom) -> bool:
-        """Return whether a function has been set in this transaction, to whatever value."""
+        """Return whether a function has been set in this transaction, also to the same value."""
         state = self._groups[Role.STATE, KnowledgeType.FUNCTION].get(" ".join((function.name, *function.arguments)))
         base = None if state is None else state.base(self.now)
         return state is not None and (base is None or state.value != self.value_now(state, base))

@@ -111,7 +111,7 @@ class Handlers:
                 self._change_set.take(state, self._now, EndCause.REPLACED)
 
     def add_metric(self, item: KnowledgeItem, t: int) -> Violations:
-        """Set the metric; it replaces the one that stands (rule C11)."""
+        """Set the metric; it replaces the current one (rule C11)."""
         if not isinstance(item, Expression) or not item.optimization or not item.expr.tokens:
             return [f"{item} is not a metric; write one like: minimize (total-time)"]
         if item.is_negative:
@@ -384,7 +384,7 @@ class Handlers:
     # -- everything -------------------------------------------------------------------------------------------
 
     def clear(self) -> None:
-        """End everything that stands, and cancel everything scheduled (rule C12)."""
+        """End everything that holds, and cancel everything scheduled (rule C12)."""
         for state in self.everything():
             if state.value is not None:
                 self._change_set.take(state, self._now, EndCause.CLEARED)

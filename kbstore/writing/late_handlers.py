@@ -46,7 +46,7 @@ def late_span(since: TimeLike | None, until: TimeLike | None, now: int) -> tuple
 
 
 class LateHandlers:
-    """Takes items that hold since a time in the past, and until another or whatever comes next.
+    """Takes items that hold since a time in the past, and until another or what comes next.
 
     An item is checked against each version of the domain that is in force while it holds (rule L5).
     """
@@ -72,11 +72,11 @@ class LateHandlers:
         self._refuse(item, t)
         if isinstance(item, Expression | Inequality):
             what = "a metric" if isinstance(item, Expression) else "a recorded inequality"
-            raise InvalidTime(f"{item}: {what} cannot be told late; add it without since")
+            raise InvalidTime(f"{item}: {what} cannot be late knowledge; add it without since")
         if isinstance(item, Function) and item.assign_op is not AssignOp.ASSIGN:
             raise ScheduledRelativeChange(
-                f"{item} changes a value relative to what it was at {isoformat(self._since)}, which cannot be told "
-                f"late; give the value, as: (= {item.atom} 80)"
+                f"{item} changes a value relative to what it was at {isoformat(self._since)}, which cannot be "
+                f"late knowledge; give the value, as: (= {item.atom} 80)"
             )
         if isinstance(item, Instance) and item.is_negative:
             return self.remove(item.changed(is_negative=False), t)
@@ -96,7 +96,7 @@ class LateHandlers:
         return self._add(goal, Handlers.add_goal)
 
     def remove(self, item: KnowledgeItem, t: int) -> Violations:
-        """Remove what matched an item, up to whatever came next, or in the span."""
+        """Remove what matched an item, up to what came next, or in the span."""
         self._refuse(item, t)
         if isinstance(item, Expression | Inequality):
             what = "a metric" if isinstance(item, Expression) else "a recorded inequality"

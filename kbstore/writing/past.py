@@ -74,7 +74,7 @@ class Past:
         return min([following, *state.ahead, *ends])
 
     def put(self, state: TimelineState, value: Value, since: int, until: int | None) -> None:
-        """Let a value hold since a time: until a time, or until whatever begins or ends next."""
+        """Let a value hold since a time: until a time, or until the next beginning or end."""
         kind = state.timeline.kind
         end = self.end_of(state, value, since)
         pieces = self.known(state, since)
@@ -212,7 +212,7 @@ def _covers(spans: Sequence[tuple[int, int]], since: int, until: int) -> bool:
 def _is_known(kind: KnowledgeType, span: Sequence[Piece], late: Sequence[Piece], since: int, until: int | None) -> bool:
     """Return whether a value begins at a time anyway, or holds throughout a span (rule L8)."""
     if until is None:
-        # of a number, whatever runs add to its rate
+        # of a number, apart from what runs add to its rate
         return bool(span) and span[0].start == since and span[0].value[:3] == late[0].value[:3]
     return _covers([(piece.start, piece.end) for piece in span], since, until) and all(
         piece.value_at(kind, t)[:3] == told.value_at(kind, t)[:3]

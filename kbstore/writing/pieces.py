@@ -72,9 +72,9 @@ def is_carried_on(piece: Piece, following: Piece, kind: KnowledgeType) -> bool:
 
 
 def numbers_in(pieces: Sequence[Piece], value: Value, start: int, end: int) -> list[Piece]:
-    """A number that is told late, with what actions had added to its rate in ``[start, end)`` (rule L6).
+    """A number that is recorded late, with what actions had added to its rate in ``[start, end)`` (rule L6).
 
-    Of `pieces` that overlap, the first that has a time tells; what has been taken away since then may come last.
+    Of `pieces` that overlap, the first that covers a time counts; what has been taken away since then may come last.
     """
     times = {t for piece in pieces for t in (piece.start, piece.end) if start < t < end}
     found: list[Piece] = []

@@ -399,7 +399,7 @@ class OpenTransaction:
         return domain.marked(known.sensed & symbols)
 
     def set_domain(self, domain: Domain) -> None:
-        """Another version of the domain; refused if what stands or is scheduled does not fit it (rule D4)."""
+        """Another version of the domain; refused if what holds or is scheduled does not fit it (rule D4)."""
         known = self._symbols.domain
         if known is not None and known.source == domain.source and known.sensed == domain.sensed:
             return

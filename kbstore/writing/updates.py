@@ -78,7 +78,7 @@ class Batch:
         self.add(role, items, handler)
 
     def read_update(self, update: object, handlers: Handlers | LateHandlers, symbols: SymbolTable) -> None:
-        """The same for a pair of an `UpdateType` and what it tells."""
+        """The same for a pair of an `UpdateType` and its item."""
         try:
             kind, given = _kind_and_knowledge(update)
         except KbStoreError as error:

@@ -254,7 +254,7 @@ def test_an_object_that_had_gone_leaves_its_time_blank(told, clock):
 
 def test_relative_changes_are_refused(told):
     """L6."""
-    with pytest.raises(kbstore.ScheduledRelativeChange, match="cannot be told late"):
+    with pytest.raises(kbstore.ScheduledRelativeChange, match="cannot be late knowledge"):
         told.add("(increase (cost) 2)", since=at(20))
 
 

@@ -57,7 +57,7 @@ WRONG = [
     ("(exists (?x - item) (robot_at ?x wp0))", r"\?x is an item, and \?r of robot_at is a robot"),
     ("(forall (?x - (either item dock)) (robot_at ?x wp0))", r"\?x is an item or dock"),
     ("(exists (?p - place) (> (battery ?p) 3))", r"\?p is a place"),
-    ("raining", r"a fact stands in brackets: \(raining\).*raining - object"),
+    ("raining", r"a fact is in brackets: \(raining\).*raining - object"),
     ("kenny", r"kenny - object"),
 ]
 

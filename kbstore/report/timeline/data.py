@@ -46,7 +46,7 @@ def timeline_data(
 
     Args:
         kb: the knowledge base.
-        patterns: only the lanes that match one of these: ``(robot_at kenny ?)``, or a word for whatever has that
+        patterns: only the lanes that match one of these: ``(robot_at kenny ?)``, or a word for everything with that
             symbol or object, and the objects themselves; all lanes if there are none.
         since: the begin of the span, in nanoseconds; None: that of the history.
         until: its end; None: the last time of which something is known, or now if that is not far behind it.

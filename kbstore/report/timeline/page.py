@@ -10,12 +10,12 @@ _ESCAPED = {ord(character): f"\\u{ord(character):04x}" for character in "<>&"}
 
 def page(data: dict[str, Any]) -> str:
     """Return the page that shows the data of `kbstore.report.timeline.data.timeline_data`."""
-    # the data come last: whatever a name contains is not looked at again
+    # the data come last, so that nothing in a name is substituted again
     return _template().replace("/*DATA*/", as_json(data), 1)
 
 
 def as_json(data: dict[str, Any]) -> str:
-    r"""Return JSON in ASCII that no name in it can end: it may stand in a script element.
+    r"""Return JSON in ASCII that no name in it can end: it may be put into a script element.
 
     >>> as_json({"name": "</script>"})
     '{"name":"\\u003c/script\\u003e"}'
