@@ -6,9 +6,10 @@ told, which says what it means and leaves the doing to `kbstore.reading`, `kbsto
 
 import os
 import threading
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from copy import copy
+from functools import cache, partial
 from pathlib import Path
 from time import monotonic
 from types import TracebackType
@@ -19,6 +20,7 @@ from kbstore.clock import Clock, DurationLike, ManualClock, SystemClock, TimeLik
 from kbstore.conversion import MessageDomain
 from kbstore.errors import Conflict, InvalidKnowledge, InvalidTime, StoreUnavailable, UnknownSymbol
 from kbstore.evaluation.intervals import Intervals
+from kbstore.evaluation.snapshot import StateRow
 from kbstore.interop.up_loading import PlanningProblem
 from kbstore.messages import (
     Condition,
@@ -441,7 +443,7 @@ class KnowledgeBase:
 
     def query(self, *items: Question, at: TimeLike | None = None) -> QueryResult:
         """The original's query: whether each of several items is true."""
-        return self.state(at).query(*items)
+        return self._answers.query(items, at)
 
     def instances(
         self,
@@ -452,17 +454,27 @@ class KnowledgeBase:
         at: TimeLike | None = None,
     ) -> list[Instance]:
         """The objects of a type, or all."""
-        items, domain = self._items((KnowledgeType.INSTANCE,), at)
+        wanted = key(type_name)
+
+        @cache
+        def is_wanted(kind: str, domain: Domain | None) -> bool:
+            if not wanted:
+                return True
+            if include_subtypes and domain is not None:
+                return domain.is_subtype(kind, [wanted])
+            return key(kind) == wanted
+
+        def fits(row: StateRow, domain: Domain | None) -> bool:
+            return not row[2][0] and is_wanted(row[2][1], domain)
+
+        items, domain = self._items((KnowledgeType.INSTANCE,), at, fits=fits)
         if domain is not None and type_name:
             domain.type_spelling(type_name)
-        found = [item for item in cast("list[Instance]", items) if not item.is_negative]
+        found = cast("list[Instance]", items)
         if include_constants and domain is not None:
-            found += [Instance(instance_name=name, instance_type=kind) for name, kind in domain.constants.items()]
-        if not type_name:
-            return found
-        if include_subtypes and domain is not None:
-            return [item for item in found if domain.is_subtype(item.instance_type, [type_name])]
-        return [item for item in found if key(item.instance_type) == key(type_name)]
+            constants = [(name, kind) for name, kind in domain.constants.items() if is_wanted(kind, domain)]
+            found += [Instance(instance_name=name, instance_type=kind) for name, kind in constants]
+        return found
 
     def propositions(self, name: str = "", at: TimeLike | None = None) -> list[Fact]:
         """The facts of a predicate, or all, of both signs."""
@@ -480,12 +492,14 @@ class KnowledgeBase:
 
     def timed_knowledge(self, name: str = "", at: TimeLike | None = None) -> list[KnowledgeItem]:
         """Return the items scheduled to take effect after the time, of one predicate or function, or of all."""
-        state = self.state(at)
-        if name and state.domain is not None:
-            state.domain.symbol(name)
+        with self._reader.repository() as repository:
+            point = self._reader.resolver.resolve(repository, at)
+            items, domain = self._reader.timed_knowledge(repository, point)
+        if name and domain is not None:
+            domain.symbol(name)
         return [
             item
-            for item in state.timed_knowledge
+            for item in items
             if not name or (isinstance(item, Fact | Function) and key(item.attribute_name) == key(name))
         ]
 
@@ -499,12 +513,18 @@ class KnowledgeBase:
         return cast("Expression", found[0]) if found else None
 
     def _items(
-        self, kinds: Sequence[KnowledgeType], at: TimeLike | None, name: str = "", *, role: Role = Role.STATE
+        self,
+        kinds: Sequence[KnowledgeType],
+        at: TimeLike | None,
+        name: str = "",
+        *,
+        role: Role = Role.STATE,
+        fits: Callable[[StateRow, Domain | None], bool] | None = None,
     ) -> tuple[list[KnowledgeItem | Condition], Domain | None]:
         """The items of some knowledge types at a time, and the domain then."""
         with self._reader.repository() as repository:
             point = self._reader.resolver.resolve(repository, at)
-            return self._reader.items(repository, point, role, kinds, name)
+            return self._reader.items(repository, point, role, kinds, name, fits)
 
     @property
     def domain(self) -> MessageDomain:
@@ -747,7 +767,12 @@ class KnowledgeBase:
 
         `duration` is as in `start`; the domain's constraints on it are among the conditions.
         """
-        return applicability(self.state(at), operator, arguments, duration)
+        with self._reader.repository() as repository:
+            point = self._reader.resolver.resolve(repository, at)
+            domain = self._reader.symbols_at(repository, point).domain
+            world = self._reader.world(repository, point, domain)
+            read_state = partial(self._reader.state, repository, point)
+            return applicability(domain, world, read_state, operator, arguments, duration)
 
     def apply(self, operator: str, *arguments: str, client: str = "", note: str = "") -> Transaction:
         """Do the whole of an instantaneous action. Raises `NotApplicable` with the conditions that fail."""

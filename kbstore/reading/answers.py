@@ -5,22 +5,24 @@ at which one of the parts of the question changes. Otherwise a question that one
 and any other is evaluated on as much of the state as it reads (`kbstore.reading.lazy_state`).
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 from kbstore.clock import OPEN, Clock, TimeLike, time
 from kbstore.errors import KbStoreError
 from kbstore.evaluation.argument_types import check_types
 from kbstore.evaluation.interpretation import Interpretation, Number
+from kbstore.evaluation.snapshot import Snapshot
 from kbstore.messages import KnowledgeType, Truth
 from kbstore.model.domain import Domain
-from kbstore.model.results import AsOf
+from kbstore.model.results import AsOf, QueryResult
 from kbstore.model.symbols import SymbolTable
 from kbstore.model.timelines import Role
 from kbstore.reading.lazy_state import LazyState
 from kbstore.reading.prepared import PreparedCondition, PreparedExpression, question_key
 from kbstore.reading.questions import Question
 from kbstore.reading.reader import Reader
+from kbstore.reading.state import query_result
 from kbstore.storage.caches import LRU
 from kbstore.storage.repository import Repository
 
@@ -141,17 +143,33 @@ class Answers:
             point = self._resolver.resolve(repository, at, as_of)
             symbols = reader.symbols_at(repository, point)
             world = reader.world(repository, point, symbols.domain)
-            prepared = form.prepare(question, symbols)
-            try:
-                answer: _Answer = prepared.evaluate(world)
-                is_proven = prepared.proves_types and answer not in (Truth.FALSE, Truth.UNKNOWN)
-            except KbStoreError:
-                self._check(prepared, repository, world, point.head.token)
-                raise
-            if not is_proven:
-                self._check(prepared, repository, world, point.head.token)
+            answer = self._evaluate(form.prepare(question, symbols), repository, world, point.head.token)
             until = world.until if look_ahead and isinstance(world, LazyState) else point.valid_time
             return point.valid_time, until, answer
+
+    def query(self, items: Sequence[Question], at: TimeLike | None = None) -> QueryResult:
+        """Whether each of several items is true at a time, on one snapshot of the store."""
+        reader = self._reader
+        with reader.repository() as repository:
+            point = self._resolver.resolve(repository, at)
+            symbols = reader.symbols_at(repository, point)
+            world = reader.world(repository, point, symbols.domain)
+            prepared = [self._conditions.prepare(item, symbols) for item in items]
+            truths = [self._evaluate(item, repository, world, point.head.token) for item in prepared]
+        return query_result(items, [truth is Truth.TRUE for truth in truths], symbols)
+
+    def _evaluate(
+        self, prepared: _Prepared, repository: Repository, world: LazyState | Snapshot, token: int
+    ) -> _Answer:
+        """The answer in a world. Raises `InvalidKnowledge` for a question that cannot be meant then (rule V10)."""
+        try:
+            answer: _Answer = prepared.evaluate(world)
+        except KbStoreError:
+            self._check(prepared, repository, world, token)
+            raise
+        if not prepared.proves_types or answer in (Truth.FALSE, Truth.UNKNOWN):
+            self._check(prepared, repository, world, token)
+        return answer
 
     def _check(self, prepared: _Prepared, repository: Repository, world: Interpretation, token: int) -> None:
         """Raise `InvalidKnowledge` for a question that cannot be meant at the time of a world (rule V10)."""

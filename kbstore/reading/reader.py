@@ -121,7 +121,10 @@ class Reader:
     def world(self, repository: Repository, point: TemporalPoint, domain: Domain | None) -> LazyState | Snapshot:
         """Return the state at a point for a few questions: where it is stored, read as far as they need."""
         if point.is_known_now:
-            return LazyState(repository, point.valid_time, domain, use_unknowns=self.use_unknowns)
+            past = self._remembered(repository, point) if point.is_settled else None
+            if past is None:
+                return LazyState(repository, point.valid_time, domain, use_unknowns=self.use_unknowns)
+            return past.snapshot
         return self._data(repository, point, domain).snapshot
 
     def state(self, repository: Repository, point: TemporalPoint) -> State:
@@ -135,25 +138,44 @@ class Reader:
         return self.state_of(data, symbols, point.system_time if point.is_as_of else None)
 
     def items(
-        self, repository: Repository, point: TemporalPoint, role: Role, kinds: Sequence[KnowledgeType], name: str = ""
+        self,
+        repository: Repository,
+        point: TemporalPoint,
+        role: Role,
+        kinds: Sequence[KnowledgeType],
+        name: str = "",
+        fits: Callable[[StateRow, Domain | None], bool] | None = None,
     ) -> tuple[list[KnowledgeItem | Condition], Domain | None]:
         """The items of a role and some knowledge types at a point, as in its state, and the domain.
 
-        With a name only those of that symbol. Where they are stored, the rest of the state is not read.
+        With a name only those of that symbol; of these, those that fit. Where they are stored, the rest of the state is
+        not read.
         """
         symbols = self.symbol_table(repository, point.head, point.position)
+        symbol = key(name)
         rows: list[StateRow] = []
         if not point.is_known_now:
             snapshot = self._data(repository, point, symbols.domain).snapshot
             rows = [row for kind in kinds for row in snapshot.of(kind, role)]
         elif name or role is not Role.STATE:
-            rows = [row for kind in kinds for row in repository.holding(role, kind, point.valid_time, key(name))]
+            rows = [row for kind in kinds for row in repository.holding(role, kind, point.valid_time, symbol)]
         else:
             position = LogPosition(point.valid_time)
             rows = [row for kind in kinds for row in repository.state_at(kind, position) if row[0].role is role]
         if name:
-            rows = [row for row in rows if row[0].keys[0] == key(name)]
+            rows = [row for row in rows if row[0].keys[0] == symbol]
+        if fits is not None:
+            rows = [row for row in rows if fits(row, symbols.domain)]
         return ItemFactory(symbols).items(rows, point.valid_time), symbols.domain
+
+    def timed_knowledge(
+        self, repository: Repository, point: TemporalPoint
+    ) -> tuple[list[KnowledgeItem], Domain | None]:
+        """The items on record that take effect after a point, as in its state, and the domain."""
+        symbols = self.symbols_at(repository, point)
+        pending = _all_kinds(repository.scheduled_at, point.position)
+        nothing = Snapshot(point.valid_time, (), symbols.domain, self.use_unknowns)
+        return self.state_of(StateData(nothing, pending, []), symbols).timed_knowledge, symbols.domain
 
     def _remembered(self, repository: Repository, point: TemporalPoint) -> StateData | None:
         """A past state that was read before, unless late knowledge has reached its time since then (rule L4)."""

@@ -43,6 +43,12 @@ if TYPE_CHECKING:
 _Kind = TypeVar("_Kind")
 
 
+def query_result(items: Sequence[Question], results: list[bool], symbol_table: SymbolTable) -> QueryResult:
+    """The answer to a query: which of its items are true, and those that are not."""
+    false = [_asked(item, symbol_table) for item, result in zip(items, results, strict=True) if not result]
+    return QueryResult(all(results), results, false)
+
+
 def _asked(question: Question, symbol_table: SymbolTable) -> KnowledgeItem | Condition:
     """The question as an item, or as a condition where no item can carry it."""
     if isinstance(question, Condition):
@@ -220,9 +226,7 @@ class State(Result):
 
     def query(self, *items: Question) -> QueryResult:
         """The original's query: whether each item is true; unknown counts as not true."""
-        results = [self.holds(item) for item in items]
-        false = [_asked(item, self.symbol_table) for item, result in zip(items, results, strict=True) if not result]
-        return QueryResult(all(results), results, false)
+        return query_result(items, [self.holds(item) for item in items], self.symbol_table)
 
     # -- planning ---------------------------------------------------------------------------------------------
 

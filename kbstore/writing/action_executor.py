@@ -1,6 +1,6 @@
 """Operators in a transaction: what they change, and which durative ones run (rules O1 to O3)."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from kbstore.clock import SECOND, DurationLike, isoformat
@@ -64,7 +64,7 @@ class ActionExecutor:
 
     def apply(self, state: State, handlers: Handlers, operator: str, arguments: Sequence[str]) -> None:
         """Do an instantaneous action."""
-        action = _grounded(state, operator, arguments)
+        action = _grounded(state.domain, state.snapshot, operator, arguments)
         if action.action.durative:
             raise NotApplicable(f"{action} takes time; start() it, and end() it when it is done")
         at_start = _at_start(state, action)
@@ -81,7 +81,7 @@ class ActionExecutor:
         force: bool,
     ) -> Run:
         """Start a durative action; `force` overrules constraints on its duration and expected breaks (O6, O7)."""
-        action = _grounded(state, operator, arguments)
+        action = _grounded(state.domain, state.snapshot, operator, arguments)
         if not action.action.durative:
             raise NotApplicable(f"{action} takes no time; apply() does the whole of it")
         world = state.snapshot
@@ -118,7 +118,7 @@ class ActionExecutor:
         """End a durative action. Returns the at-end conditions and constraints that fail."""
         entry = self._running(run)
         try:
-            action = _grounded(state, entry.run.operator, entry.run.arguments)
+            action = _grounded(state.domain, state.snapshot, entry.run.operator, entry.run.arguments)
         except InvalidKnowledge as error:
             raise NotApplicable(f"{entry.run} cannot end: {error}; abort() it") from error
         world, seconds = self._stopped(entry, handlers, state.snapshot), entry.run.seconds
@@ -141,7 +141,7 @@ class ActionExecutor:
         duration: DurationLike | None,
     ) -> Run:
         """Record that an action has started elsewhere: conditions are not evaluated, and effects not carried out."""
-        action = _grounded(state, operator, arguments)
+        action = _grounded(state.domain, state.snapshot, operator, arguments)
         self._refuse_running(action)
         try:
             length = chosen_duration(action, state.snapshot, None if duration is None else given_duration(duration))
@@ -270,10 +270,18 @@ def _is_sensed(world: Interpretation, atom: Atom) -> bool:
 
 
 def applicability(
-    state: State, operator: str, arguments: Sequence[str], duration: DurationLike | None = None
+    domain: Domain | None,
+    world: Interpretation,
+    read_state: Callable[[], State],
+    operator: str,
+    arguments: Sequence[str],
+    duration: DurationLike | None = None,
 ) -> Applicability:
-    """Return whether an operator is applicable in a state, and the failing conditions, each with since when (O1)."""
-    action, world = _grounded(state, operator, arguments), state.snapshot
+    """Return whether an operator is applicable in a world, and the failing conditions, each with since when (O1).
+
+    The whole state is read only to tell since when conditions fail, and what is expected to break while it runs.
+    """
+    action = _grounded(domain, world, operator, arguments)
     if duration is None:
         failing = planning.unsatisfied(action, world)
         length = None if failing or not action.action.durative else fixed_duration(action, world)
@@ -282,13 +290,17 @@ def applicability(
     else:
         length = chosen_duration(action, world, given_duration(duration))
         failing = planning.unsatisfied(action, world, duration=length.seconds)
-    if failing or length is None:
-        return _explained(state, failing)
+    if failing:
+        return _explained(read_state(), failing)
+    if length is None:
+        return Applicability([])
     seconds = length.seconds
     remembered = start_conditions.remembered(action, Timing.OVER_ALL, world, duration=seconds)
     at_start = effects.evaluate(action, Timing.AT_START, world, duration=seconds)
-    run = Run(action.action.name, action.arguments, state.at, length.nanoseconds, 0, seconds)
-    return Applicability(_foreseen(expected_breaks(action, RunningAction(run, remembered), at_start, state.projection)))
+    run = RunningAction(
+        Run(action.action.name, action.arguments, world.time, length.nanoseconds, 0, seconds), remembered
+    )
+    return Applicability(_foreseen(expected_breaks(action, run, at_start, lambda: read_state().projection())))
 
 
 def _foreseen(breaks: Sequence[Break]) -> list[FailingCondition]:
@@ -327,11 +339,10 @@ def _since(state: State, condition: Formula) -> int | None:
         return None
 
 
-def _grounded(state: State, operator: str, arguments: Sequence[str]) -> GroundAction:
-    domain: Domain | None = state.domain
+def _grounded(domain: Domain | None, world: Interpretation, operator: str, arguments: Sequence[str]) -> GroundAction:
     if domain is None:
         raise InvalidKnowledge(f"({operator} ...) needs a domain that declares it; load one first")
-    return ground(domain, operator, tuple(arguments), state.snapshot)
+    return ground(domain, operator, tuple(arguments), world)
 
 
 def _refuse(state: State, action: GroundAction, failing: Sequence[Failing]) -> None:

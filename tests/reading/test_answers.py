@@ -16,7 +16,10 @@ DOMAIN = """
   (:constants hall - place)
   (:predicates (at ?r - robot ?p - place) (open ?p - place) (linked ?a ?b - place) (alarm) (reachable ?p - place))
   (:functions (charge ?r - robot) (cost))
-  (:derived (reachable ?p - place) (exists (?q - place) (and (open ?q) (linked ?q ?p)))))
+  (:derived (reachable ?p - place) (exists (?q - place) (and (open ?q) (linked ?q ?p))))
+  (:action go :parameters (?r - robot ?a ?b - place)
+    :precondition (and (at ?r ?a) (not (alarm)) (> (charge ?r) 5))
+    :effect (and (not (at ?r ?a)) (at ?r ?b))))
 """
 QUESTIONS = (
     "(open p0)",
@@ -95,7 +98,7 @@ def test_what_is_remembered_is_what_would_be_answered_anew(tmp_path, seed, unkno
 
 
 def test_the_parts_of_a_state_are_those_of_the_state(tmp_path):
-    """`instances`, `propositions`, `functions`, `goals` and `metric` at any time are what the state then has."""
+    """What is asked for a part of the state at any time is what the whole state then has."""
     chance = random.Random(7)
     clock = kbstore.ManualClock(START)
     with kbstore.open(tmp_path / "store.db", clock=clock) as kb:
@@ -120,6 +123,14 @@ def test_the_parts_of_a_state_are_those_of_the_state(tmp_path):
             assert kb.functions(at=at) == state.functions
             assert kb.goals(at=at) == state.goals
             assert kb.metric(at=at) == state.metric
+            assert kb.timed_knowledge(at=at) == state.timed_knowledge
+            later = [item for item in state.timed_knowledge if getattr(item, "attribute_name", "") == "at"]
+            assert kb.timed_knowledge("at", at=at) == later
+            asked = ("(open p0)", "(at r0 ?)", "(exists (?p - place) (at r0 ?p))", "(>= (charge r0) 20)")
+            assert kb.query(*asked, at=at) == state.query(*asked)
+            needed = ("(at r0 p0)", "(not (alarm))", "(> (charge r0) 5)")
+            judged = kb.applicable("go", "r0", "p0", "hall", at=at)
+            assert [part.condition for part in judged.failing] == [part for part in needed if not state.holds(part)]
 
 
 @pytest.fixture
@@ -128,7 +139,12 @@ def large(tmp_path):
     with kbstore.open(tmp_path / "store.db", clock=kbstore.ManualClock(START)) as kb:
         kb.load(DOMAIN)
         kb.add("r0 - robot", *(f"p{n} - place" for n in range(1000)))
-        kb.add("(at r0 p3)", *(f"(open p{n})" for n in range(1000)), *(f"(linked p{n} p{n + 1})" for n in range(10)))
+        kb.add(
+            "(at r0 p3)",
+            "(= (charge r0) 9)",
+            *(f"(open p{n})" for n in range(1000)),
+            *(f"(linked p{n} p{n + 1})" for n in range(10)),
+        )
         statements = []
         with kb._database.connect() as connection:
             connection.driver.set_trace_callback(statements.append)
@@ -169,9 +185,21 @@ def test_a_bound_object_is_looked_up(large, question, most):
     assert [text for text in statements if "data_version" not in text] == []
 
 
-@pytest.mark.parametrize("ask", [lambda kb: kb.propositions("at"), lambda kb: kb.goals(), lambda kb: kb.metric()])
+@pytest.mark.parametrize(
+    "ask",
+    [
+        lambda kb: kb.propositions("at"),
+        lambda kb: kb.functions("charge"),
+        lambda kb: kb.instances("robot"),
+        lambda kb: kb.goals(),
+        lambda kb: kb.metric(),
+        lambda kb: kb.timed_knowledge("at"),
+        lambda kb: kb.query("(at r0 p3)", "(open p9)", "(exists (?p - place) (at r0 ?p))"),
+        lambda kb: kb.applicable("go", "r0", "p3", "p4"),
+    ],
+)
 def test_a_part_of_the_state_is_read_by_itself(large, ask):
-    """A predicate of few facts, the goals and the metric are read without the rest."""
+    """What few facts decide is read without the rest, now and in the past."""
     kb, statements = large
     ask(kb)
     assert not [text for text in statements if WHOLE in text and "facts" in text]
