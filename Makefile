@@ -2,7 +2,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --editable
 
-.PHONY: demo test test-browser lint bench
+.PHONY: demo test test-browser test-ros test-ros1 lint bench
 
 demo: .venv/runtime
 	$(BIN)/python -m kbstore.cli.demo
@@ -17,6 +17,21 @@ test-browser: .venv/browser
 	@if command -v chromium >/dev/null && command -v chromedriver >/dev/null; then \
 	  KBSTORE_TEST_BROWSER=1 $(BIN)/python -m pytest tests/timeline/test_browser.py; \
 	else echo "The page of the timeline is not tested in a browser: install chromium and chromedriver."; fi
+
+test-ros: test-ros1
+
+# ROS 1 comes from Debian's packages for Debian's own Python, which root can install; where it is not there, a line
+# says so. Its client library leaves sockets open at the end.
+ROS1_PACKAGES := python3-venv ros-core python3-rospy ros-std-msgs python3-std-msgs python3-std-srvs python3-genpy \
+  python3-rosgraph-msgs ros-diagnostic-msgs python3-diagnostic-msgs
+HAS_ROS1 := /usr/bin/python3 -c 'import ensurepip, genpy, rospy' 2>/dev/null
+
+test-ros1:
+	@$(HAS_ROS1) || [ "$$(id -u)" != 0 ] || ! command -v apt-get >/dev/null || \
+	  { apt-get update -q && apt-get install -q -y --no-install-recommends $(ROS1_PACKAGES); } || true
+	@if $(HAS_ROS1); then $(MAKE) --no-print-directory .venv-ros1/ready && \
+	  .venv-ros1/bin/python -m pytest -W "ignore:unclosed:ResourceWarning" tests/ros/test_rosplan_node.py; \
+	else echo "ROSPlan's node is not tested on a graph of ROS 1: install $(ROS1_PACKAGES)."; fi
 
 lint: .venv/dev
 	$(BIN)/ruff check && $(BIN)/ruff format --check && $(BIN)/mypy
@@ -44,4 +59,9 @@ bench: .venv/bench
 .venv/bench: .venv/dev
 	@echo "Installing what the benchmarks compare with into .venv, once."
 	@$(INSTALL) '.[dev,bench]'
+	@touch $@
+
+.venv-ros1/ready: pyproject.toml
+	@/usr/bin/python3 -m venv --system-site-packages .venv-ros1
+	@.venv-ros1/bin/python -m pip install --quiet --disable-pip-version-check --editable '.[postgresql]' pytest pytest-timeout
 	@touch $@

@@ -5,7 +5,7 @@ from typing import Annotated, Any
 
 import typer
 
-from kbstore.cli.commands import MAINTAIN, STORE, WRITE
+from kbstore.cli.commands import MAINTAIN, SERVE, STORE, WRITE
 from kbstore.cli.errors import OneLineErrors
 from kbstore.cli.groups import LazyGroup
 
@@ -21,13 +21,16 @@ app = typer.Typer(
 )
 
 goal = typer.Typer(cls=LazyGroup, invoke_without_command=True, help="Add goals, or remove them.")
+nodes = typer.Typer(cls=LazyGroup, invoke_without_command=True, help="Serve a knowledge base on a ROS graph.")
 db = typer.Typer(cls=LazyGroup, invoke_without_command=True, help="Upgrade or check the schema of the store.")
 
 app.add_typer(goal, name="goal", rich_help_panel=WRITE)
+app.add_typer(nodes, name="ros", rich_help_panel=SERVE)
 app.add_typer(db, name="db", rich_help_panel=MAINTAIN)
 
 
 @goal.callback()
+@nodes.callback()
 @db.callback()
 def show_help(ctx: typer.Context) -> None:
     """Show the help if no command follows."""

@@ -115,6 +115,12 @@ COMMANDS = [
         SERVE,
         "Offer a knowledge base to an agent, as tools by the Model Context Protocol on standard input and output.",
     ),
+    Command(
+        "ros rosplan",
+        "ros.rosplan",
+        None,
+        "Serve a knowledge base as ROSPlan's, on ROS 1: the node rosplan_knowledge_base.",
+    ),
     Command("kbs", "admin.kbs", MAINTAIN, "List the knowledge bases of the store."),
     Command(
         "export",

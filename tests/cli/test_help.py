@@ -37,6 +37,7 @@ EXAMPLES = {
     "changes": ["--after", "24"],
     "timeline": ["battery"],
     "mcp": None,
+    "ros rosplan": None,
     "kbs": [],
     "export": ["--at", ASKED, "--format", "json"],
     "import": None,
@@ -52,7 +53,7 @@ EXAMPLES = {
     "db history": [],
 }
 
-SERVING = {"mcp"}
+SERVING = {"mcp", "ros rosplan"}
 """Commands that serve until they are ended, and print no answer."""
 
 
@@ -103,8 +104,8 @@ def test_json_may_stand_before_the_command(run):
 
 
 def test_without_a_command_help_is_shown(run):
-    """`kbstore`, `kbstore goal` and `kbstore db` alone show what there is, and succeed."""
-    for group in ((), ("goal",), ("db",)):
+    """`kbstore`, and each of its groups alone, show what there is, and succeed."""
+    for group in ((), ("goal",), ("ros",), ("db",)):
         done = run(*group)
         assert (done.code, done.err) == (0, "")
         assert "Usage: kbstore" in done.out
