@@ -62,21 +62,22 @@ class NodeType(IntEnum):
     EXISTS = 12
 
 
-_COMPARISONS = {
+COMPARISONS = {
     13: ComparisonType.EQUALS,
     14: ComparisonType.GREATEREQ,
     15: ComparisonType.GREATER,
     16: ComparisonType.LESSEQ,
     17: ComparisonType.LESS,
 }
-_OPERATORS = {18: Operator.MUL, 19: Operator.DIV, 20: Operator.ADD, 21: Operator.SUB}
-_MODIFIERS = {
+OPERATORS = {18: Operator.MUL, 19: Operator.DIV, 20: Operator.ADD, 21: Operator.SUB}
+MODIFIERS = {
     22: AssignOp.ASSIGN,
     23: AssignOp.INCREASE,
     24: AssignOp.DECREASE,
     25: AssignOp.SCALE_UP,
     26: AssignOp.SCALE_DOWN,
 }
+"""The numbers of comparisons, operators and changes in the fields `expression_type` and `modifier_type`."""
 
 _OBJECTS = (NodeType.CONSTANT, NodeType.PARAMETER)
 
@@ -96,6 +97,19 @@ def read(message: object) -> Instance | Fact | Function | Formula | None:
     if isinstance(name, str) and isinstance(type_name, str):
         return Instance(instance_name=name, instance_type=type_name)
     return None
+
+
+def read_atom(text: str) -> Atom:
+    """Read a predicate or function as PlanSys2 writes it, for instance ``(robot_at leia kitchen)``.
+
+    Raises `InvalidKnowledge` for anything else.
+    """
+    words = text.strip().removeprefix("(").removesuffix(")").split()
+    if not words or any(bracket in word for word in words for bracket in "()"):
+        raise InvalidKnowledge(
+            f"{text!r:.80} is not a predicate or function with its arguments, (robot_at leia kitchen)"
+        )
+    return Atom(words[0], tuple(words[1:]))
 
 
 class _Tree:
@@ -131,7 +145,7 @@ class _Tree:
     def _change(self, node: Any) -> Function:
         function, operand = self._children(node, 2)
         atom, value = self._at(function, self._expression), self._at(operand, self._expression)
-        operation = _MODIFIERS.get(_field(node, "modifier_type"))
+        operation = MODIFIERS.get(_field(node, "modifier_type"))
         if operation is None or not isinstance(atom[0], Atom) or not isinstance(value[0], float) or len(value) != 1:
             raise InvalidKnowledge("a FUNCTION_MODIFIER changes a function by a number: its children are these two")
         return Function(
@@ -156,17 +170,17 @@ class _Tree:
                     for found in _field(node, "parameters") or ()
                 )
                 return Exists(parameters, self._at(self._children(node, 1)[0], self._condition))
-            case NodeType.EXPRESSION if _field(node, "expression_type") in _COMPARISONS:
+            case NodeType.EXPRESSION if _field(node, "expression_type") in COMPARISONS:
                 return self._comparison(node)
             case kind:
                 raise InvalidKnowledge(f"a node of type {kind.name} is not a condition")
 
     def _comparison(self, node: Any) -> Formula:
         left, right = self._children(node, 2)
-        comparison = _COMPARISONS[_field(node, "expression_type")]
+        comparison = COMPARISONS[_field(node, "expression_type")]
         sides = [self._nodes[child] for child in (left, right)]
         if comparison is ComparisonType.EQUALS and all(self._kind(side) in _OBJECTS for side in sides):
-            return Same(*(_name(_field(side, "name")) for side in sides))
+            return Same(*(self._term(side) for side in sides))
         return Comparison(comparison, self._at(left, self._expression), self._at(right, self._expression))
 
     def _expression(self, node: Any) -> NumericExpression:
@@ -175,9 +189,9 @@ class _Tree:
                 return (self._value(node),)
             case NodeType.FUNCTION:
                 return (self._atom(node),)
-            case NodeType.EXPRESSION if _field(node, "expression_type") in _OPERATORS:
+            case NodeType.EXPRESSION if _field(node, "expression_type") in OPERATORS:
                 left, right = self._children(node, 2)
-                operator = _OPERATORS[_field(node, "expression_type")]
+                operator = OPERATORS[_field(node, "expression_type")]
                 return (operator, *self._at(left, self._expression), *self._at(right, self._expression))
             case kind:
                 raise InvalidKnowledge(f"a node of type {kind.name} is not a number")
@@ -220,6 +234,13 @@ class _Tree:
         if isinstance(value, bool) or not isinstance(value, float | int):
             raise InvalidKnowledge(f"the value of a Node is a number, not {value!r:.80}")
         return float(value)
+
+    def _term(self, node: Any) -> str:
+        """The name of an object or of a variable, which a PARAMETER has in its parameters."""
+        named = node
+        if self._kind(node) is NodeType.PARAMETER and not _field(node, "name"):
+            named = next(iter(_field(node, "parameters") or ()), node)
+        return _name(_field(named, "name"))
 
     @staticmethod
     def _atom(node: Any) -> Atom:

@@ -10,11 +10,10 @@ from typing import Any
 
 from kbstore.clock import ManualClock
 from kbstore.errors import InvalidKnowledge
-from kbstore.interop.plansys2 import read
+from kbstore.interop.plansys2 import read, read_atom
 from kbstore.knowledge_base import KnowledgeBase
 from kbstore.messages import Fact, Function, Instance, KnowledgeItem
 from kbstore.model.domain import Domain
-from kbstore.model.expressions import Atom
 from kbstore.model.results import Transaction
 from kbstore.names import key
 from kbstore.pddl.problem_reader import read_problem
@@ -76,7 +75,7 @@ class Mirror:
     def learn(self, message: Any) -> None:
         """Infer types of objects from a `Knowledge` that is recorded later, or not at all."""
         for text in (*message.predicates, *message.functions):
-            atom = _atom(text)
+            atom = read_atom(text)
             self.types.observe(self._domain.symbol(atom.name), atom.arguments)
 
     def give_types(self, instances: Iterable[Any]) -> None:
@@ -127,7 +126,7 @@ class Mirror:
         if not texts:
             return []
         recorded = {key(item.atom): item for item in tx.state().functions}
-        listed = (key(str(_atom(text))) for text in texts)
+        listed = (key(str(read_atom(text))) for text in texts)
         return [recorded[atom] for atom in listed if atom in recorded]
 
     # -- plans and executions ---------------------------------------------------------------------------------
@@ -167,13 +166,5 @@ def _functions(nodes: Sequence[Any]) -> list[Function]:
 
 @lru_cache(maxsize=50_000)
 def _fact(text: str) -> Fact:
-    atom = _atom(text)
+    atom = read_atom(text)
     return Fact(attribute_name=atom.name, values=atom.arguments)
-
-
-def _atom(text: str) -> Atom:
-    """A predicate or function as PlanSys2 writes it, for instance ``(robot_at leia kitchen)``."""
-    words = text.strip().removeprefix("(").removesuffix(")").split()
-    if not words or any(sign in word for word in words for sign in "()"):
-        raise InvalidKnowledge(f"{text!r:.80} is not a predicate or function with its arguments")
-    return Atom(words[0], tuple(words[1:]))
