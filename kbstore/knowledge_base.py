@@ -593,16 +593,54 @@ class KnowledgeBase:
 
     def history(
         self,
-        pattern: Knowledge,
+        pattern: Knowledge | None = None,
         since: TimeLike | None = None,
         until: TimeLike | None = None,
         as_of: AsOf | None = None,
     ) -> Assertions:
         """The assertions that match a pattern, in order of time; ``?`` matches any object (rule Q3).
 
-        With `as_of` (a time or a `Transaction`), those that were on record then, as they were.
+        Without a pattern, all but those of goals. With `as_of` (a time or a `Transaction`), those that were on record
+        then, as they were.
         """
         return self._history.assertions(pattern, since, until, as_of)
+
+    def transactions(
+        self, since: TimeLike | None = None, until: TimeLike | None = None, as_of: AsOf | None = None
+    ) -> list[Transaction]:
+        """The transactions of a span, in order; with `as_of`, those that had been committed then."""
+        return self._history.transactions_within(since, until, as_of)
+
+    def frame(
+        self,
+        pattern: str | None = None,
+        since: TimeLike | None = None,
+        until: TimeLike | None = None,
+        as_of: AsOf | None = None,
+        *,
+        of: str = "facts",
+    ) -> Any:
+        """Return the record as a `pyarrow.Table`, for pandas and polars (extra `frames`).
+
+        ``kb.frame("(robot_at kenny ?)").to_pandas()``; ``polars.from_arrow(kb.frame(of="runs"))``. The columns have the
+        names of the views in SQL. Times are ``timestamp[ns, UTC]``, exact; what is open, or did not happen, is null.
+
+        Args:
+            pattern: a fact, a function or an action, in which ``?`` matches any object; None: all.
+            since: the begin of the span; None: that of the history.
+            until: its end; None: no end.
+            as_of: a time or a `Transaction`: what was on record then.
+            of: "facts", "numbers", "runs" or "transactions". A number has a row for each span in which it holds still
+                or moves at one rate, with its value at both ends.
+
+        Raises:
+            MissingLibrary: pyarrow is not installed.
+            InvalidKnowledge: the pattern is of something else.
+        """
+        from kbstore.report.frames import arrow_table
+        from kbstore.report.relations import relation
+
+        return arrow_table(relation(self, of, pattern, since, until, as_of))
 
     def when(self, condition: Question, since: TimeLike, until: TimeLike, as_of: AsOf | None = None) -> Intervals:
         """The maximal half-open intervals in ``[since, until)`` in which a condition is true (rule Q4).

@@ -1,8 +1,5 @@
-"""Whole knowledge bases: ``kbs``, ``export``, ``import``, ``backup``, ``archive``, ``demo``."""
+"""Whole knowledge bases: ``kbs``, ``import``, ``backup``, ``archive``, ``demo``."""
 
-import json
-import sys
-from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
@@ -10,27 +7,15 @@ import typer
 
 import kbstore
 from kbstore.cli.demo import mission, tour
-from kbstore.cli.options import TIMES, AsOf, At, Json, Kb, Now, Url, asked, at_time, belief, store, told
+from kbstore.cli.options import TIMES, Json, Kb, Now, Url, store, told
 from kbstore.cli.output import answer, json_line, working
 from kbstore.cli.times import parse_time
 from kbstore.clock import ManualClock, isoformat
-from kbstore.knowledge_base import KnowledgeBase
-from kbstore.model.plain import plain, times
-from kbstore.model.results import Transaction
+from kbstore.model.plain import times
 from kbstore.report.tables import plural, table
 from kbstore.report.time_format import TimeFormat
 
 NewFile = Annotated[Path, typer.Argument(help="The file to create; it must not exist yet.", metavar="FILE")]
-Output = Annotated[
-    Path | None, typer.Option("--output", metavar="FILE", help="The file to create (default: standard output).")
-]
-
-
-class Format(StrEnum):
-    """The formats that `export` writes."""
-
-    PDDL = "pddl"
-    JSON = "json"
 
 
 def kbs(url: Url = None, now: Now = None, as_json: Json = False) -> None:
@@ -75,44 +60,8 @@ def kbs(url: Url = None, now: Now = None, as_json: Json = False) -> None:
     )
 
 
-def export(
-    form: Annotated[
-        Format, typer.Option("--format", help="pddl for planners; json for the state, or for everything.")
-    ] = Format.PDDL,
-    at: At = None,
-    as_of: AsOf = None,
-    domain: Annotated[bool, typer.Option("--domain", help="Write the domain instead, as it was loaded.")] = False,
-    output: Output = None,
-    url: Url = None,
-    kb: Kb = None,
-    now: Now = None,
-    as_json: Json = False,
-) -> None:
-    """Write the planning problem of any time, the domain, or the whole knowledge base.
-
-    With --format json and no time, write the knowledge base with all its history as JSON Lines, which import restores
-    exactly; with a time, the state at that time. With --json, report in JSON what was written to --output.
-
-    Examples:
-        kbstore export --at -5m > problem.pddl
-        kbstore export --domain --output domain.pddl
-        kbstore export --format json --output kenny.jsonl
-    """
-    with asked(url, kb, now) as found:
-        t, believed = at_time(at, found), belief(as_of, found)
-        if form is Format.JSON and t is None and believed is None and not domain:
-            written = _export_all(store(url), found.name, output)
-        else:
-            text = _exported(found, form, t, believed, domain=domain)
-            written = _write(text, output)
-    if output is not None:
-        report = {"file": str(output), **written}
-        said = ", ".join(f"{count:,} {what}" for what, count in written.items())
-        answer(report, as_json=as_json, view=lambda: f"{output}: {said}")
-
-
 def import_(
-    file: Annotated[Path, typer.Argument(help="A file written by export --format json.", metavar="FILE", exists=True)],
+    file: Annotated[Path, typer.Argument(help="A file written by export --format jsonl.", metavar="FILE", exists=True)],
     url: Url = None,
     kb: Kb = None,
     as_json: Json = False,
@@ -190,27 +139,3 @@ def demo(
     with mission.record(f"sqlite:///{path}") as kb:
         report = {"file": str(path), "name": kb.name, **times(last_time=kb.now())}
     json_line(report)
-
-
-def _export_all(place: str, name: str, output: Path | None) -> dict[str, int]:
-    if output is None:
-        return {"rows": kbstore.export_knowledge_base(place, name, sys.stdout.buffer)}
-    with working(f"exporting {name}") as progress:
-        return {"rows": kbstore.export_knowledge_base(place, name, output, progress=progress)}
-
-
-def _exported(kb: KnowledgeBase, form: Format, at: int | None, as_of: int | Transaction | None, *, domain: bool) -> str:
-    if domain:
-        return kb.domain_to_pddl()
-    if form is Format.PDDL:
-        return kb.to_pddl(at, as_of)
-    return json.dumps(plain(kb.state(at, as_of)), ensure_ascii=False, indent=2) + "\n"
-
-
-def _write(text: str, output: Path | None) -> dict[str, int]:
-    if output is None:
-        sys.stdout.write(text)
-    else:
-        with output.open("x", encoding="utf-8") as file:
-            file.write(text)
-    return {"bytes": len(text.encode())}

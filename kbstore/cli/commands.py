@@ -124,9 +124,9 @@ COMMANDS = [
     Command("kbs", "admin.kbs", MAINTAIN, "List the knowledge bases of the store."),
     Command(
         "export",
-        "admin.export",
+        "export.export",
         MAINTAIN,
-        "Write the planning problem of any time, the domain, or the whole knowledge base.",
+        "Write the planning problem of any time, the domain, the whole knowledge base, or its record for other tools.",
     ),
     Command(
         "import",

@@ -33,27 +33,43 @@ class History:
 
     def assertions(
         self,
-        pattern: Knowledge,
+        pattern: Knowledge | None,
         since: TimeLike | None = None,
         until: TimeLike | None = None,
         as_of: AsOf | None = None,
     ) -> Assertions:
         """The assertions that match a pattern and overlap ``[since, until)``, in order of time (rule Q3).
 
-        With `as_of`, those that were on record then, as they were.
+        Without a pattern, all of the state. With `as_of`, those that were on record then, as they were.
         """
         with self._reader.repository() as repository:
             first, last, point = self._reader.resolver.resolve_span(repository, since, until, as_of)
             upto = self._reader.resolver.known_by(repository, point)
-            symbol_table = self._symbols(repository, point, pattern, last)
-            wanted = Pattern(pattern, symbol_table)
-            rows = [
-                row
-                for row in repository.history(wanted.kind, wanted.timelines(repository), first, last, upto)
-                if wanted.matches_row(row) and _overlaps(row, first)
-            ]
+            if pattern is None:
+                symbol_table = self._reader.symbol_table(repository, point.head, point.position)
+                kinds = [(kind, repository.of_kind(Role.STATE, kind)) for kind in KnowledgeType]
+                found = [row for kind, lines in kinds for row in repository.history(kind, lines, first, last, upto)]
+            else:
+                symbol_table = self._symbols(repository, point, pattern, last)
+                wanted = Pattern(pattern, symbol_table)
+                found = repository.history(wanted.kind, wanted.timelines(repository), first, last, upto)
+                found = [row for row in found if wanted.matches_row(row)]
+            rows = [row for row in found if _overlaps(row, first)]
             rows.sort(key=_order)
             return Assertions(self.as_assertions(repository, rows, symbol_table, upto))
+
+    def transactions_within(
+        self, since: TimeLike | None = None, until: TimeLike | None = None, as_of: AsOf | None = None
+    ) -> list[Transaction]:
+        """The transactions of ``[since, until)``, in order; with `as_of`, those that had been committed then."""
+        with self._reader.repository() as repository:
+            head = repository.head()
+            begin = head.history_from if since is None else since
+            first, last, point = self._reader.resolver.resolve_span(repository, begin, until, as_of)
+            upto = self._reader.resolver.known_by(repository, point)
+            after = repository.last_number_at(first - 1)
+            rows = repository.transactions_between(after, head.number if upto is None else upto)
+            return [found for found in map(as_transaction, rows) if found.time < last]
 
     def _symbols(self, repository: Repository, now: TemporalPoint, pattern: Knowledge, until: int) -> SymbolTable:
         """Return the latest symbols among which the pattern's is known (rule D4)."""

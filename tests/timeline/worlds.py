@@ -97,10 +97,10 @@ class Life:
     weights = {tell: 30, remove: 10, cancel: 10, end_object: 6, bring: 8, number: 8, start: 18, end: 10, learn: 12}  # noqa: RUF012
 
 
-def world(seed, steps=60):
+def world(seed, steps=60, url="sqlite://"):
     """A knowledge base with a random life; every second one is open to what is unknown."""
     clock = ManualClock(START)
-    kb = kbstore.open("sqlite://", f"depot{seed}", clock=clock, use_unknowns=bool(seed % 2))
+    kb = kbstore.open(url, f"depot{seed}", clock=clock, use_unknowns=bool(seed % 2))
     kb.load(DOMAIN)
     kb.add(*OBJECTS, "(= (load r) 50)", "(= (load s) 20)", "(= (cost) 0)", "(ready r)", "(ready s)")
     kb.add_goal("(clean a)")

@@ -1,0 +1,42 @@
+"""Relations as Arrow tables, for pandas and polars, and as Parquet files (extra ``frames``: pyarrow)."""
+
+import importlib
+import io
+from typing import Any
+
+from kbstore.errors import MissingLibrary
+from kbstore.report.relations import Kind, Relation
+
+
+def arrow_table(found: Relation) -> Any:
+    """Return a `pyarrow.Table`: times as ``timestamp[ns, UTC]``, None as null."""
+    pa = _library()
+    types = {
+        Kind.TEXT: pa.string(),
+        Kind.INTEGER: pa.int64(),
+        Kind.NUMBER: pa.float64(),
+        Kind.FLAG: pa.bool_(),
+        Kind.TIME: pa.timestamp("ns", tz="UTC"),
+    }
+    schema = pa.schema([(name, types[kind]) for name, kind in found.columns])
+    columns = list(zip(*found.rows, strict=True)) or [()] * len(schema)
+    arrays = [pa.array(cells, field.type) for cells, field in zip(columns, schema, strict=True)]
+    return pa.Table.from_arrays(arrays, schema=schema)
+
+
+def parquet_bytes(found: Relation) -> bytes:
+    """Return a relation as a Parquet file, in which times keep their nanoseconds."""
+    file = io.BytesIO()
+    table = arrow_table(found)
+    importlib.import_module("pyarrow.parquet").write_table(table, file)
+    return file.getvalue()
+
+
+def _library() -> Any:
+    try:
+        return importlib.import_module("pyarrow")
+    except ImportError as error:
+        raise MissingLibrary(
+            f"frames need the library pyarrow, which cannot be imported ({error});"
+            " install it with: pip install 'kbstore[frames]'"
+        ) from None
