@@ -10,7 +10,9 @@ from tests.oracle.items import (
     Comparison,
     Condition,
     Fact,
+    Flow,
     Item,
+    Limit,
     Metric,
     Number,
     Object,
@@ -19,6 +21,7 @@ from tests.oracle.items import (
     Signature,
     Start,
     Timeline,
+    Wanted,
 )
 from tests.oracle.memory import Answer, Change, Difference, Reference
 from tests.oracle.world import Unsettled
@@ -30,7 +33,9 @@ __all__ = [
     "Condition",
     "Difference",
     "Fact",
+    "Flow",
     "Item",
+    "Limit",
     "Metric",
     "Number",
     "Object",
@@ -43,4 +48,5 @@ __all__ = [
     "Timeline",
     "Unsettled",
     "Update",
+    "Wanted",
 ]

@@ -1,6 +1,9 @@
 """What can be told to the reference: items of knowledge, and a domain to check them against."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
+from fractions import Fraction
+from typing import TypeVar
 
 SECOND = 1_000_000_000
 WILDCARD = "?"
@@ -159,6 +162,8 @@ def matches(pattern: Item, item: Item) -> bool:
     return pattern == item
 
 
+Placed = TypeVar("Placed", Fact, Number, "Limit")
+
 Signature = tuple[tuple[str, ...], ...]
 """The types that each parameter accepts; several are an ``either``."""
 
@@ -172,6 +177,7 @@ class RefDomain:
     constants: dict[str, str] = field(default_factory=dict, hash=False)
     predicates: dict[str, Signature] = field(default_factory=dict, hash=False)
     functions: dict[str, Signature] = field(default_factory=dict, hash=False)
+    sensed: frozenset[str] = frozenset()
 
     def __repr__(self) -> str:
         return f"the domain {self.name}"
@@ -187,29 +193,79 @@ class RefDomain:
 
 
 @dataclass(frozen=True)
+class Limit:
+    """A condition on a number: `comparison` is one of "<", "<=", ">" and ">="."""
+
+    name: str
+    arguments: tuple[str, ...]
+    comparison: str
+    bound: float
+
+    def allows(self, value: Fraction) -> bool:
+        """Whether a value satisfies it."""
+        match self.comparison:
+            case "<":
+                return value < self.bound
+            case "<=":
+                return value <= self.bound
+            case ">":
+                return value > self.bound
+            case _:
+                return value >= self.bound
+
+
+Wanted = Fact | Limit
+"""A condition of an action."""
+
+
+@dataclass(frozen=True)
+class Flow:
+    """A continuous effect on a function, per second: `rate` and each factor times its function, over the divisor.
+
+    It acts while `condition` is true, and only if `at_start` was true before the at-start effects.
+    """
+
+    term: Term
+    rate: float = 0.0
+    factors: tuple[tuple[float, Term], ...] = ()
+    divisor: Term | None = None
+    condition: Fact | None = None
+    at_start: Fact | None = None
+
+    @property
+    def reads(self) -> tuple[Term, ...]:
+        """The functions that the rate reads."""
+        return (*(term for _, term in self.factors), *([self.divisor] if self.divisor else []))
+
+
+@dataclass(frozen=True)
 class RefAction:
     """A durative action. Its formulas have the places of its parameters ("0", "1") where arguments go.
 
     A negative fact among the effects is a delete. `decided_at_start` are effects at the end, each after the fact that
-    decides by its truth at the start whether it happens. `rates` are the action's contributions per second, while it
-    runs, to functions. `bounds` compare the duration in seconds, by "<=", ">=" or "=", with a number or a function.
+    decides by its truth at the start whether it happens. `flows` move functions while it runs. `bounds` compare the
+    duration in seconds, by "<=", ">=" or "=", with a number or a function.
     """
 
     name: str
     types: tuple[str, ...]
     needs: tuple[Fact, ...] = ()
-    invariants: tuple[Fact, ...] = ()
+    invariants: tuple[Wanted, ...] = ()
     at_start: tuple[Fact, ...] = ()
     at_end: tuple[Fact, ...] = ()
     decided_at_start: tuple[tuple[Fact, Fact], ...] = ()
+    numbers_at_start: tuple[Number, ...] = ()
     numbers_at_end: tuple[Number, ...] = ()
-    rates: tuple[tuple[Term, float], ...] = ()
+    flows: tuple[Flow, ...] = ()
     bounds: tuple[tuple[str, float | Term], ...] = ()
 
 
 @dataclass(frozen=True)
 class Start:
-    """The start of an action with its arguments and duration in nanoseconds; `force` overrules its bounds."""
+    """The start of an action with its arguments and duration in nanoseconds.
+
+    `force` overrules its bounds, and invariants that are expected to break.
+    """
 
     action: RefAction
     arguments: tuple[str, ...]
@@ -220,6 +276,10 @@ class Start:
         """The arguments that belong to some places."""
         return tuple(self.arguments[int(place)] for place in places)
 
-    def facts(self, facts: tuple[Fact, ...]) -> list[Fact]:
-        """Some facts of the action with the arguments in their places."""
+    def ground_term(self, term: Term) -> Term:
+        """A function of the action with the arguments in their places."""
+        return term[0], self.ground(term[1])
+
+    def facts(self, facts: Iterable[Placed]) -> list[Placed]:
+        """Some facts, numbers or limits of the action with the arguments in their places."""
         return [replace(fact, arguments=self.ground(fact.arguments)) for fact in facts]

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 from tests.oracle.corrections import Refused, Update
 from tests.oracle.items import WILDCARD, Fact, Item, Number, Object, matches, timeline
 from tests.oracle.late import FOREVER
-from tests.oracle.overlay import Overlay
-from tests.oracle.world import Told, Unsettled, World
+from tests.oracle.overlay import Overlay, expect
+from tests.oracle.world import Told, World
 
 TOLERANCE = 1_000_000_000
 
@@ -98,6 +98,8 @@ class Reference:
         overlay = self.tried(event)
         overlay.refuse()
         changes = overlay.finish(event.number)
+        if overlay.world.reads_what_moves(event.time):
+            raise Refused("NotLinear", str(event))
         if changes:
             self.events.append(event)
             self.worlds.append(overlay.world)
@@ -219,31 +221,6 @@ class Reference:
             return ("removed", max(superseded)) if superseded else ("never told", None)
         last = max(ended, key=lambda told: (told.end or 0, told.start, told.recorded))
         return ("expired with its instance" if last.end_cause == "object" else "removed"), last.ended_by
-
-
-def expect(world: World, at: int, asked: int) -> None:
-    """Let time pass until `at`, with the ends of running actions that are expected after the time of asking."""
-    world.advance(min(at, asked))
-    world.expecting = True
-    while True:
-        ends = [run for run in world.running if asked < run.expected_end <= at]
-        if not ends:
-            break
-        moment = min(run.expected_end for run in ends)
-        if any(start == moment for _, start in world.pending):
-            raise Unsettled("something is scheduled for the very time of an expected end")
-        world.advance(moment)
-        due = [run for run in ends if run.expected_end == moment and run.ended is None]
-        if len(due) > 1:
-            raise Unsettled("two actions are expected to end at one time")
-        for run in due:
-            overlay = Overlay(world, moment)
-            overlay.apply(Update("end", run.start))
-            if overlay.violations or overlay.failures:
-                raise Unsettled("an expected end whose effects are impossible")
-            overlay.finish(0)
-        asked = moment
-    world.advance(at)
 
 
 def answer(then: World, at: int, known: World | None = None) -> Answer:

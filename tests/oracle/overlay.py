@@ -1,9 +1,11 @@
 """One transaction: its updates in their order, on top of what is believed."""
 
-import math
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
+from itertools import pairwise
+from typing import TypeVar
 
-from tests.oracle.corrections import Corrections, Refused, Update, expected_ends
+from tests.oracle.corrections import Refused, Update, expected_ends
 from tests.oracle.items import (
     SECOND,
     Comparison,
@@ -16,20 +18,22 @@ from tests.oracle.items import (
     RefDomain,
     Start,
     Term,
-    Timeline,
-    matches,
+    Wanted,
     timeline,
 )
-from tests.oracle.late import FOREVER, Spans, minus
+from tests.oracle.telling import Telling
 from tests.oracle.world import Running, Unsettled, World
 
+Effect = TypeVar("Effect", Fact, Number)
 
-class Overlay(Corrections):
+
+class Overlay(Telling):
     """What would be believed with the updates made so far; `finish` makes it so."""
 
     def __init__(self, world: World, now: int) -> None:
         super().__init__(world, now)
         self.first_error = ""
+        self.completed: list[Running] = []
 
     # -- updates ----------------------------------------------------------------------------------------------
 
@@ -80,120 +84,6 @@ class Overlay(Corrections):
             case _:
                 raise AssertionError(update)
 
-    def _add(self, role: str, item: Item, at: int) -> None:
-        if isinstance(item, Object) and not item.positive and at == self.now:
-            self._remove(role, replace(item, positive=True), at)
-            return
-        found = list(self.violations_of(item, at))
-        if found:
-            self.violations += found
-            return
-        if isinstance(item, Object) and not item.positive and self.type_at(item.name, at - 1) not in (None, item.type):
-            return  # as in a removal, the type must match, or nothing changes (rules C4, C9)
-        if isinstance(item, Number) and item.operation != "assign":
-            if at > self.now:
-                self.failures.append(Refused("ScheduledRelativeChange", str(item)))
-                return
-            changed = self._changed_number(role, item)
-            if changed is None:
-                return
-            item = changed
-        self._put(timeline(role, item), item, at)
-
-    def _replace(self, items: tuple[Item, ...]) -> None:
-        """What stands and is not among the items goes, objects first, and then the items are added (rule C13)."""
-        kept = {timeline("state", item) for item in items if not (isinstance(item, Object) and not item.positive)}
-        for kind in ("object", "fact", "function", "inequality"):
-            for line, (item, _) in list(self.standing.items()):
-                asserted = not isinstance(item, Object) or item.positive
-                if line[:2] == ("state", kind) and asserted and line not in kept and line in self.standing:
-                    self._put(line, None, self.now)
-        for item in items:
-            if isinstance(item, Metric) or (isinstance(item, Number) and item.operation != "assign"):
-                self.violations.append(f"{item} is not what a state asserts")
-            else:
-                self._add("state", item, self.now)
-
-    def _changed_number(self, role: str, item: Number) -> Number | None:
-        standing = self.standing.get(timeline(role, item))
-        if standing is None:
-            self.failures.append(Refused("UndefinedFunction", str(item)))
-            return None
-        number, start = standing
-        assert isinstance(number, Number)
-        value, rate, amount = self.world.value(number, start, self.now), number.rate, item.value
-        match item.operation:
-            case "increase":
-                value += amount
-            case "decrease":
-                value -= amount
-            case "scale_up":
-                value *= amount
-            case "scale_down":
-                if amount == 0:
-                    self.failures.append(Refused("DivisionByZero", str(item)))
-                    return None
-                value /= amount
-            case "assign_cts":
-                rate = amount
-        if not math.isfinite(value):
-            self.violations.append(f"{item} overflows")
-            return None
-        return Number(item.name, item.arguments, value, rate)
-
-    def _put(self, line: Timeline, item: Item | None, at: int, cause: str = "removed") -> None:
-        """Let a timeline say something, or nothing, from now or from a scheduled time on."""
-        before = self.lifetimes(line[2]) if line[1] == "object" else []
-        if at > self.now:
-            if item is None:
-                self.pending.pop((line, at), None)
-            else:
-                self.pending[line, at] = item
-        elif item is None:
-            self.standing.pop(line, None)
-            self.causes[line] = cause
-        elif not (line in self.standing and self.world.same(*self.standing[line], item, at, at)):
-            last = self.past.get(line, [])[-1:]
-            again = last and last[0].end == at and self.world.same(last[0].item, last[0].start, item, at, at)
-            self.standing[line] = (last[0].item, last[0].start) if again else (item, at)
-        if line[1] == "object":
-            self._lose(str(line[2]), minus(before, self.lifetimes(line[2])))
-
-    def _lose(self, name: str, lost: Spans) -> None:
-        """An object does not exist in these spans any more: nothing speaks of it until its next start (rule C9)."""
-        starts = sorted(start for start, _ in self.lifetimes(name))
-        for first, _ in lost:
-            next_start = min((start for start in starts if start > first), default=FOREVER)
-            if first == self.now:
-                for line in [line for line, (item, _) in self.standing.items() if name in item.mentions]:
-                    del self.standing[line]
-                    self.causes[line] = "object"
-                self.running = [run for run in self.running if name not in run.start.arguments]
-            for line, at in [key for key, item in self.pending.items() if name in item.mentions]:
-                if first <= at < next_start:
-                    del self.pending[line, at]
-
-    def _remove(self, role: str, pattern: Item, at: int) -> None:
-        found = list(self.pattern_violations_of(pattern))
-        if found:
-            self.violations += found
-            return
-        kind = (role, pattern.kind)
-        if at > self.now:
-            matched = [key for key, item in self.pending.items() if key[0][:2] == kind and matches(pattern, item)]
-            for line, start in matched:
-                if start == at:
-                    self._cancel(line, start)
-            return
-        for line in [line for line, (item, _) in self.standing.items() if line[:2] == kind and matches(pattern, item)]:
-            self._put(line, None, self.now)
-
-    def _cancel(self, line: Timeline, at: int) -> None:
-        kept = self.pending[line, at]
-        self._put(line, None, at)
-        if line[1] == "object" and self.types_meet(str(line[2])):
-            self.violations.append(f"cancelling {kept} lets two types meet")
-
     # -- running actions (rules O1 to O3) ---------------------------------------------------------------------
 
     def _start(self, start: Start) -> None:
@@ -204,26 +94,68 @@ class Overlay(Corrections):
                 self.violations.append(f"{argument} is {found}, not {wanted}")
                 return
         again = any((run.start.action, run.start.arguments) == (start.action, start.arguments) for run in self.running)
-        allowed = start.force or all(self._allows(start, *bound) for bound in start.action.bounds)
-        if again or not allowed or not all(map(self._holds, start.facts(start.action.needs))):
+        against = [bound for bound in start.action.bounds if not self._allows(start, *bound)]
+        if again or (against and not start.force) or not all(map(self._holds, start.facts(start.action.needs))):
             self.failures.append(Refused("NotApplicable", str(start)))
             return
-        if any(
-            timeline("state", Number(name, start.ground(places))) not in self.standing
-            for (name, places), _ in start.action.rates
-        ):
-            raise Unsettled("a continuous effect on an undefined function")
+        then = self._with_start(start)
+        run = then.runs[-1]
+        if not all(then.truth(wanted, self.now, run) for wanted in start.facts(start.action.invariants)):
+            self.failures.append(Refused("NotApplicable", str(start)))
+            return
+        rates = run.pieces[-1][1]
+        if None in rates.values() or any(("state", "function", *term) not in then.standing for term in rates):
+            raise Unsettled("a continuous effect on an undefined function, or at a rate that is undefined at once")
+        if then.reads_what_moves(self.now):
+            self.failures.append(Refused("NotLinear", str(start)))
+            return
+        forced = frozenset({*against, *self.expected_breaks(then, run)})
+        if forced and not start.force:
+            self.failures.append(Refused("NotApplicable", f"{start}: {forced}"))
+            return
+        self._begin(start, forced)
+
+    def _begin(self, start: Start, forced: frozenset[object] = frozenset()) -> None:
+        """Let an action start that may: what it will do is decided before its at-start effects."""
+        premises = {fact for fact, _ in start.action.decided_at_start}
+        premises |= {flow.at_start for flow in start.action.flows if flow.at_start}
+        remembered = frozenset(fact for fact in start.facts(premises) if self._holds(fact))
         decided = [
             effect
             for pair in start.action.decided_at_start
             for condition, effect in [start.facts(pair)]
-            if self._holds(condition)
+            if condition in remembered
         ]
-        self._affect(start.facts(start.action.at_start), [])
-        if not all(map(self._holds, start.facts(start.action.invariants))):
-            self.failures.append(Refused("NotApplicable", str(start)))
-            return
-        self.running = [*self.running, Running(start, self.now, decided)]
+        at_start = start.facts(start.action.at_start)
+        run = Running(start, self.now, decided, remembered, tuple(self._sensed(at_start)), forced)
+        self._affect(at_start, start.facts(start.action.numbers_at_start))
+        self.running = [*self.running, run]
+
+    def _with_start(self, start: Start) -> World:
+        """The world after a transaction that only starts an action."""
+        draft = Overlay(self.world.copy(), self.now)
+        draft._begin(start)
+        draft.finish(0)
+        return draft.world
+
+    def expected_breaks(self, world: World, run: Running) -> list[Wanted]:
+        """The invariants of a run that are expected not to be true somewhere before its expected end (rule O6).
+
+        Between two changes numbers move steadily, and a limit that is kept at both ends is kept throughout.
+        """
+        end = run.expected_end
+        times = {start for _, start in world.pending} | {other.expected_end for other in world.running}
+        changes = sorted({self.now, end, *(t for t in times if self.now < t < end)})
+        broken = []
+        for wanted in run.start.facts(run.start.action.invariants):
+            for first, following in pairwise(changes):
+                for t in (first, following - 1):
+                    then = world.copy()
+                    expect(then, t, self.now)
+                    same = next(other for other in then.runs if (other.start, other.started) == (run.start, self.now))
+                    if not then.truth(wanted, t, same) and wanted not in broken:
+                        broken.append(wanted)
+        return broken
 
     def _allows(self, start: Start, comparison: str, bound: float | Term) -> bool:
         """Whether a bound allows a duration, to a nanosecond (rule O7); one that is undefined does not."""
@@ -244,12 +176,20 @@ class Overlay(Corrections):
             return
         self.running = [run for run in self.running if run not in found]
         if with_effects:
+            self.completed += found
             numbers = [replace(n, arguments=start.ground(n.arguments)) for n in start.action.numbers_at_end]
             decided = [effect for run in found for effect in run.decided]
             self._affect([*start.facts(start.action.at_end), *decided], numbers)
 
+    def _sensed(self, items: Iterable[Effect]) -> Iterator[Effect]:
+        """The effects that are left to sensors (rule O8)."""
+        return (item for item in items if self.domain and item.name in self.domain.sensed)
+
     def _affect(self, facts: list[Fact], numbers: list[Number]) -> None:
-        """Deletes come before adds, then the numeric assignments (rule O2)."""
+        """Deletes come before adds, then the numeric assignments (rule O2). What is sensed is expected only (O8)."""
+        if not self.world.expecting:
+            left = {*self._sensed(facts), *self._sensed(numbers)}
+            facts, numbers = ([item for item in items if item not in left] for items in (facts, numbers))
         for fact in facts:
             if not fact.positive and self.world.use_unknowns:
                 self._add("state", fact, self.now)
@@ -321,9 +261,46 @@ class Overlay(Corrections):
         running = world.running
         for run in running:
             if run not in self.running:
-                run.ended = self.now
-        world.runs += [run for run in self.running if run not in running]
+                run.ended, run.ended_by = self.now, number
+                run.outcome = "ended" if run in self.completed else "aborted"
+        begun = [run for run in self.running if run not in running]
+        for run in begun:
+            run.started_by = number
+        world.runs += begun
         reloaded = self.domain != world.domain
         if reloaded:
             world.domains.append((self.now, self.domain))
+        fresh = {line[2:] for line, told in world.standing.items() if line[1] == "function" and told.recorded == number}
+        world.follow(self.now, fresh)
         return len(changed) + reloaded + (running != self.running)
+
+
+def expect(world: World, at: int, asked: int) -> None:
+    """Let time pass until `at`, with the ends of running actions that are expected after the time of asking."""
+    world.advance(min(at, asked))
+    world.expecting = True
+    if at <= asked:
+        return
+    known = dict(world.totals)
+    world.follow(asked, {line[2:] for line in world.standing if line[1] == "function"})
+    if any(rate is None and term not in known for term, rate in world.totals.items()):
+        raise Unsettled("what is sensed is expected to move at a rate that is undefined")
+    while True:
+        ends = [run for run in world.running if asked < run.expected_end <= at]
+        if not ends:
+            break
+        moment = min(run.expected_end for run in ends)
+        if any(start == moment for _, start in world.pending):
+            raise Unsettled("something is scheduled for the very time of an expected end")
+        world.advance(moment)
+        due = [run for run in ends if run.expected_end == moment and run.ended is None]
+        if len(due) > 1:
+            raise Unsettled("two actions are expected to end at one time")
+        for run in due:
+            overlay = Overlay(world, moment)
+            overlay.apply(Update("end", run.start))
+            if overlay.violations or overlay.failures:
+                raise Unsettled("an expected end whose effects are impossible")
+            overlay.finish(0)
+        asked = moment
+    world.advance(at)

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from tests.oracle import (
     Fact,
+    Flow,
     Metric,
     Number,
     Object,
@@ -247,7 +248,7 @@ def test_the_present_and_the_past_in_one_transaction(kb):
 
 def test_numbers_move_at_what_runs_had_added(kb):
     """L6: 4 since 2 s, run from 3 s to 5 s at 10 a second; the increase at 6 s stays what it was."""
-    work = RefAction("work", ("robot",), rates=((("cost", ()), 10.0),))
+    work = RefAction("work", ("robot",), flows=(Flow(("cost", ()), 10.0),))
     kb.write(1 * S, [add(cost(1.0))])
     kb.write(3 * S, [Update("start", Start(work, ("r",), 9 * S))])
     kb.write(5 * S, [Update("end", Start(work, ("r",), 9 * S))])

@@ -5,6 +5,7 @@ import pytest
 from tests.oracle import (
     Comparison,
     Fact,
+    Flow,
     Metric,
     Number,
     Object,
@@ -256,7 +257,7 @@ DRIVE = RefAction(
     at_start=(Fact("lit", positive=False),),
     at_end=(LIT,),
     numbers_at_end=(Number("cost", (), 1.0, operation="increase"),),
-    rates=((("load", ("0",)), -2.0),),
+    flows=(Flow(("load", ("0",)), -2.0),),
 )
 START = Start(DRIVE, ("r",), 10 * S)
 

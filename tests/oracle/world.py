@@ -1,9 +1,25 @@
 """What is believed after some transactions, and what becomes of it as time passes."""
 
-from dataclasses import dataclass, field
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+from fractions import Fraction
 from typing import TypeVar
 
-from tests.oracle.items import SECOND, Fact, Item, Number, Object, RefDomain, Start, Term, Timeline
+from tests.oracle.items import (
+    SECOND,
+    Fact,
+    Flow,
+    Item,
+    Limit,
+    Number,
+    Object,
+    RefDomain,
+    Start,
+    Term,
+    Timeline,
+    Wanted,
+    timeline,
+)
 
 
 class Unsettled(Exception):
@@ -53,30 +69,48 @@ class Told:
 
 @dataclass(eq=False)
 class Running:
-    """A durative action that runs, or ran until `ended`; `decided` are the effects that its start decided upon."""
+    """A durative action that runs, or ran until `ended`.
+
+    `decided` are the effects that its start decided upon, `remembered` the facts that were true before it. `unwritten`
+    are the at-start effects on what is sensed. `pieces` are the rates that it had, each from a time on.
+    """
 
     start: Start
     started: int
     decided: list[Fact]
+    remembered: frozenset[Fact] = frozenset()
+    unwritten: tuple[Fact, ...] = ()
+    forced: frozenset[str] = frozenset()
     ended: int | None = None
+    outcome: str = "running"
+    pieces: tuple[tuple[int, dict[Term, float | None]], ...] = ()
+    started_by: int = 0
+    ended_by: int | None = None
 
     @property
     def expected_end(self) -> int:
         return self.started + self.start.duration
 
-    def moved(self, term: Term, since: int, until: int) -> float:
-        """What the action adds to a function from one time to another (rule O3)."""
-        first = max(since, self.started)
+    def moved(self, term: Term, since: int, until: int) -> Fraction:
+        """What the action adds to a function from one time to another (rules O3, O5); nothing without a rate."""
         last = until if self.ended is None else min(until, self.ended)
-        rates = [rate for (name, places), rate in self.start.action.rates if (name, self.start.ground(places)) == term]
-        return sum(rates) * max(0, last - first) / SECOND
+        ends = [start for start, _ in self.pieces[1:]] + [last]
+        return sum(
+            (
+                Fraction(rates[term] or 0.0) * Fraction(max(0, min(end, last) - max(start, since)), SECOND)
+                for (start, rates), end in zip(self.pieces, ends, strict=False)
+                if term in rates
+            ),
+            Fraction(),
+        )
 
 
 @dataclass
 class World:
     """What stands and what is scheduled; `told` remembers every assertion in the order of recording.
 
-    `runs` are the actions that run or ran; `expecting` is whether the time that passes lies ahead.
+    `runs` are the actions that run or ran; `expecting` is whether the time that passes lies ahead. `totals` are the
+    rates that what runs adds to functions, where one is undefined None.
     """
 
     told: list[Told] = field(default_factory=list)
@@ -86,6 +120,7 @@ class World:
     domains: list[tuple[int, RefDomain | None]] = field(default_factory=lambda: [(0, None)])
     use_unknowns: bool = False
     expecting: bool = False
+    totals: dict[Term, float | None] = field(default_factory=dict)
 
     def copy(self) -> "World":
         """An equal world, which may change without changing this one."""
@@ -98,6 +133,7 @@ class World:
             list(self.domains),
             self.use_unknowns,
             self.expecting,
+            self.totals,
         )
 
     @property
@@ -112,7 +148,116 @@ class World:
 
     def value(self, number: Number, start: int, t: int) -> float:
         """The value at t of a function that was told at `start`, with what running actions add (rules C7, O3)."""
-        return number.at(start, t) + sum(run.moved((number.name, number.arguments), start, t) for run in self.runs)
+        term = number.name, number.arguments
+        return number.at(start, t) + float(sum(run.moved(term, start, t) for run in self.runs))
+
+    def exact(self, number: Number, start: int, t: int) -> Fraction:
+        """The same, exactly."""
+        own = Fraction(number.value) + Fraction(number.rate) * Fraction(t - start, SECOND)
+        return own + sum(run.moved((number.name, number.arguments), start, t) for run in self.runs)
+
+    def truth(self, wanted: Wanted, t: int, run: Running | None = None) -> bool | None:
+        """Whether a condition is true at a time that has come, None where that is unknown (rules V2, V3, V5).
+
+        As an over-all condition of a run, with its at-start effects on what is sensed (rule O8).
+        """
+        if isinstance(wanted, Limit):
+            number = self._said(("state", "function", wanted.name, wanted.arguments), t)
+            if number is None:
+                return None
+            assert isinstance(number.item, Number)
+            return wanted.allows(self.exact(number.item, number.start, t))
+        line = timeline("state", wanted)
+        if run and any(told.timeline == line and told.counts and run.started < told.start <= t for told in self.told):
+            run = None
+        signs = [fact.positive for fact in (run.unwritten if run else ()) if timeline("state", fact) == line]
+        if signs:
+            return any(signs) == wanted.positive
+        told = self._said(line, t)
+        if told is None:
+            return None if self.use_unknowns else not wanted.positive
+        return told.item == wanted
+
+    def _said(self, line: Timeline, t: int) -> Told | None:
+        return next((told for told in self.told if told.timeline == line and told.stands_at(t)), None)
+
+    # -- continuous effects (rule O5) -------------------------------------------------------------------------
+
+    def active_flows(self, run: Running, t: int) -> list[Flow]:
+        """The continuous effects of a run that act at a time, with its objects in their places."""
+        found = []
+        for flow in run.start.action.flows:
+            condition, at_start = (
+                None if fact is None else run.start.facts([fact])[0] for fact in (flow.condition, flow.at_start)
+            )
+            if (at_start is None or at_start in run.remembered) and (condition is None or self._now_holds(condition)):
+                found.append(
+                    replace(
+                        flow,
+                        term=run.start.ground_term(flow.term),
+                        factors=tuple((factor, run.start.ground_term(term)) for factor, term in flow.factors),
+                        divisor=flow.divisor and run.start.ground_term(flow.divisor),
+                    )
+                )
+        return found
+
+    def _now_holds(self, wanted: Fact) -> bool:
+        told = self.standing.get(timeline("state", wanted))
+        if told is None:
+            return not wanted.positive and not self.use_unknowns
+        return told.item == wanted
+
+    def _rate(self, flow: Flow, t: int) -> float | None:
+        values = {}
+        for name, arguments in flow.reads:
+            told = self.standing.get(("state", "function", name, arguments))
+            if told is None:
+                return None
+            assert isinstance(told.item, Number)
+            values[name, arguments] = self.value(told.item, told.start, t)
+        rate = flow.rate + sum(factor * values[term] for factor, term in flow.factors)
+        if flow.divisor is None:
+            return rate
+        return rate / values[flow.divisor] if values[flow.divisor] else None
+
+    def follow(self, t: int, fresh: Iterable[Term] = ()) -> None:
+        """Let what runs move numbers at the rates of now; without a rate a number becomes undefined, unless `fresh`.
+
+        What is sensed is moved in what is expected only (rule O8).
+        """
+        sensed = self.domain.sensed if self.domain and not self.expecting else frozenset()
+        before, self.totals = self.totals, {}
+        for run in self.running:
+            rates: dict[Term, float | None] = {}
+            for flow in self.active_flows(run, t):
+                if flow.term[0] not in sensed:
+                    rate = self._rate(flow, t)
+                    for sums in (rates, self.totals):
+                        known = sums.get(flow.term, 0.0)
+                        sums[flow.term] = None if known is None or rate is None else known + rate
+            run.pieces = (*(piece for piece in run.pieces if piece[0] < t), (t, rates))
+        for term, total in self.totals.items():
+            told = self.standing.get(("state", "function", *term))
+            if total is None and before.get(term, 0.0) is not None and term not in set(fresh) and told:
+                del self.standing[told.timeline]
+                told.end, told.end_cause = t, "run"
+
+    def reads_what_moves(self, now: int) -> bool:
+        """Whether a rate reads a number that moves, now or by what is scheduled."""
+        if not any(flow.reads for run in self.running for flow in run.start.action.flows):
+            return False
+        ahead = self.copy()
+        ahead.expecting = True
+        for t in sorted({now, *(start for _, start in self.pending)}):
+            ahead.advance(t)
+            flows = [flow for run in ahead.running for flow in ahead.active_flows(run, t)]
+            moving = {flow.term for flow in flows}
+            for told in (*ahead.standing.values(), *ahead.pending.values()):
+                if isinstance(told.item, Number) and told.item.rate:
+                    moving.add((told.item.name, told.item.arguments))
+            if any(term in moving for flow in flows for term in flow.reads):
+                return True
+        return False
 
     def same(self, one: Item, one_start: int, other: Item, other_start: int, t: int) -> bool:
         """Whether two items of one timeline say the same at t (rule C2)."""
@@ -138,6 +283,7 @@ class World:
             if before:
                 before.end, before.ended_by, before.end_cause = moment, told.recorded, "replaced"
             self.standing[told.timeline] = told
+        self.follow(moment, {told.timeline[2:] for told in due if told.timeline[:2] == ("state", "function")})
 
     def _ends_an_object(self, told: Told) -> bool:
         before = self.standing.get(told.timeline)

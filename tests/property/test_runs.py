@@ -11,7 +11,19 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, rule, run_state_machine_as_test
 
 import kbstore
-from tests.oracle import Fact, Number, Object, RefAction, RefDomain, Reference, Refused, Start, Unsettled, Update
+from tests.oracle import (
+    Fact,
+    Flow,
+    Number,
+    Object,
+    RefAction,
+    RefDomain,
+    Reference,
+    Refused,
+    Start,
+    Unsettled,
+    Update,
+)
 from tests.property import translation
 from tests.property.test_model import SETTINGS
 from tests.property.universe import weighted
@@ -33,13 +45,13 @@ DRIVE = RefAction(
     at_start=(Fact("ready", ("0",), positive=False),),
     at_end=(Fact("near", ("0", "1")), Fact("ready", ("0",)), Fact("clean", ("1",), positive=False)),
     numbers_at_end=(Number("cost", (), 1.0, operation="increase"),),
-    rates=((("load", ("0",)), -2.0),),
+    flows=(Flow(("load", ("0",)), -2.0),),
 )
 CHARGE = RefAction(
     "charge",
     ("robot",),
     needs=(Fact("lit"),),
-    rates=((("load", ("0",)), 3.0), (("cost", ()), 0.5)),
+    flows=(Flow(("load", ("0",)), 3.0), Flow(("cost", ()), 0.5)),
     bounds=((">=", 1.0), ("<=", ("load", ("0",)))),
 )
 SWEEP = RefAction(
@@ -99,45 +111,6 @@ told = weighted(
 ticks = st.sampled_from([0, 1, 1, 2, 3, 4]).map(lambda halves: halves * HALF)
 
 
-def pddl() -> str:
-    """The domain with its actions as PDDL text."""
-
-    def parameters(types):
-        return " ".join(f"?{place} - {wanted}" for place, wanted in enumerate(types))
-
-    def atom(name, arguments):
-        return f"({' '.join([name, *(f'?{place}' for place in arguments)])})"
-
-    def literal(fact):
-        return atom(fact.name, fact.arguments) if fact.positive else f"(not {atom(fact.name, fact.arguments)})"
-
-    def action(act):
-        conditions = [f"(at start {literal(fact)})" for fact in act.needs]
-        conditions += [f"(over all {literal(fact)})" for fact in act.invariants]
-        effects = [f"(at start {literal(fact)})" for fact in act.at_start]
-        effects += [f"(at end {literal(fact)})" for fact in act.at_end]
-        effects += [
-            f"(when (at start {literal(condition)}) (at end {literal(fact)}))"
-            for condition, fact in act.decided_at_start
-        ]
-        effects += [f"(at end ({n.operation} {atom(n.name, n.arguments)} {n.value}))" for n in act.numbers_at_end]
-        effects += [f"(increase {atom(*term)} (* #t {rate}))" for term, rate in act.rates]
-        bounds = [
-            f"({comparison} ?duration {atom(*bound) if isinstance(bound, tuple) else bound})"
-            for comparison, bound in act.bounds
-        ]
-        return (
-            (
-                f"(:durative-action {act.name} :parameters ({parameters(act.types)}) :duration (and {' '.join(bounds)})"
-                f" :condition (and {' '.join(conditions)}) :effect (and {' '.join(effects)}))"
-            )
-            .replace("?0", "?x")
-            .replace("?1", "?y")
-        )
-
-    return translation.pddl(DOMAIN)[: -len(")")] + "\n".join(map(action, ACTIONS)) + ")"
-
-
 def comparable(answer):
     """An answer without what the rules leave open about moving functions: since when, with which rate, and rounding."""
     values = frozenset((replace(item, value=round(item.value, 6), rate=0.0), 0) for item, _ in answer.functions)
@@ -166,7 +139,7 @@ class Missions(RuleBasedStateMachine):
     def begin(self, use_unknowns):
         self.reference = Reference(use_unknowns)
         self.kb = self.open_kb(clock=self.clock, use_unknowns=use_unknowns)
-        self.kb.load(pddl())
+        self.kb.load(translation.pddl(DOMAIN, ACTIONS))
         self.reference.write(self.clock.now(), [Update("domain", DOMAIN)])
         for item in [
             *(Object("r", "robot"), Object("s", "robot"), Object("a", "place"), Object("b", "place")),

@@ -1,5 +1,8 @@
 """Between the reference's plain values and the public interface of kbstore."""
 
+from collections.abc import Iterable
+from dataclasses import replace
+
 import kbstore
 from tests.oracle import (
     Answer,
@@ -9,10 +12,13 @@ from tests.oracle import (
     Difference,
     Fact,
     Item,
+    Limit,
     Metric,
     Number,
     Object,
+    RefAction,
     RefDomain,
+    Wanted,
 )
 
 OPERATIONS = {
@@ -25,8 +31,8 @@ OPERATIONS = {
 }
 
 
-def pddl(domain: RefDomain) -> str:
-    """A domain of the reference as PDDL text."""
+def pddl(domain: RefDomain, actions: Iterable[RefAction] = ()) -> str:
+    """A domain of the reference with actions as PDDL text."""
 
     def signature(name, parameters):
         words = [f"?p{place} - {types[0]}" for place, types in enumerate(parameters)]
@@ -39,8 +45,59 @@ def pddl(domain: RefDomain) -> str:
             f"(:constants {' '.join(f'{name} - {type_name}' for name, type_name in domain.constants.items())})",
             f"(:predicates {' '.join(signature(*entry) for entry in domain.predicates.items())})",
             f"(:functions {' '.join(signature(*entry) for entry in domain.functions.items())})",
+            *map(action, actions),
             ")",
         ]
+    )
+
+
+def text(wanted: Wanted) -> str:
+    """A condition as PDDL text."""
+    atom = f"({' '.join([wanted.name, *wanted.arguments])})"
+    if isinstance(wanted, Limit):
+        return f"({wanted.comparison} {atom} {wanted.bound:g})"
+    return atom if wanted.positive else f"(not {atom})"
+
+
+def action(act: RefAction) -> str:
+    """An action of the reference as PDDL text; its parameters are ?x and ?y."""
+
+    def lifted(wanted):
+        return text(replace(wanted, arguments=tuple(f"?{'xy'[int(place)]}" for place in wanted.arguments)))
+
+    def atom(term):
+        return lifted(Fact(*term))
+
+    def change(timing, number):
+        return f"(at {timing} ({number.operation} {atom((number.name, number.arguments))} {number.value}))"
+
+    def flow(flow):
+        terms = [f"(* {factor} {atom(term)})" for factor, term in flow.factors]
+        rate = f"(+ {' '.join([str(flow.rate), *terms])})" if terms else str(flow.rate)
+        effect = f"(increase {atom(flow.term)} (* #t {f'(/ {rate} {atom(flow.divisor)})' if flow.divisor else rate}))"
+        conditions = [
+            f"({when} {lifted(fact)})"
+            for when, fact in (("over all", flow.condition), ("at start", flow.at_start))
+            if fact
+        ]
+        return f"(when (and {' '.join(conditions)}) {effect})" if conditions else effect
+
+    parameters = " ".join(f"?{'xy'[place]} - {wanted}" for place, wanted in enumerate(act.types))
+    conditions = [f"(at start {lifted(fact)})" for fact in act.needs]
+    conditions += [f"(over all {lifted(wanted)})" for wanted in act.invariants]
+    effects = [f"(at start {lifted(fact)})" for fact in act.at_start]
+    effects += [f"(at end {lifted(fact)})" for fact in act.at_end]
+    effects += [f"(when (at start {lifted(first)}) (at end {lifted(then)}))" for first, then in act.decided_at_start]
+    effects += [change("start", number) for number in act.numbers_at_start]
+    effects += [change("end", number) for number in act.numbers_at_end]
+    effects += map(flow, act.flows)
+    bounds = [
+        f"({comparison} ?duration {atom(bound) if isinstance(bound, tuple) else bound})"
+        for comparison, bound in act.bounds
+    ]
+    return (
+        f"(:durative-action {act.name} :parameters ({parameters}) :duration (and {' '.join(bounds)})"
+        f" :condition (and {' '.join(conditions)}) :effect (and {' '.join(effects)}))"
     )
 
 
