@@ -9,7 +9,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 _CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff\ud800-\udfff]")
-"""Characters that a terminal or a log obeys instead of showing them; line breaks and tabs are the messages' own."""
+"""Characters that a terminal or a log obeys instead of showing them; tabs are shown."""
+
+_BREAK = re.compile(r"\n(?!  )")
+"""A line break that is not a message's own: what follows those is indented."""
 
 
 class KbStoreError(Exception):
@@ -123,7 +126,12 @@ class MissingLibrary(KbStoreError, ImportError):
 
 def _escaped(text: str) -> str:
     """The text with its control characters as Python writes them."""
-    return _CONTROL.sub(lambda found: repr(found.group())[1:-1], text)
+    return _BREAK.sub(r"\\n", _CONTROL.sub(lambda found: repr(found.group())[1:-1], text))
+
+
+def one_line(text: str) -> str:
+    """Return a text with its control characters and line breaks as Python writes them."""
+    return text if text.isprintable() else _escaped(text).replace("\n", r"\n")
 
 
 def _listed(violations: Sequence[str]) -> str:

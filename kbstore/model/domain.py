@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Self, TypeVar
 
-from kbstore.errors import InvalidKnowledge, UnknownSymbol
+from kbstore.errors import InvalidKnowledge, UnknownSymbol, one_line
 from kbstore.model.actions import Action
 from kbstore.model.formulas import Formula, Parameter, symbols_in
 from kbstore.names import NameMapping, key
@@ -209,7 +209,7 @@ class Domain:
         """A type's name as the domain writes it. Raises `UnknownSymbol`."""
         if not self.knows_type(name):
             known = ", ".join(self.types) or ROOT_TYPE
-            raise UnknownSymbol(f"the domain {self.name} has no type {name}; it has {known}")
+            raise UnknownSymbol(f"the domain {self.name} has no type {one_line(name)}; it has {known}")
         return self._type_spellings.get(key(name), ROOT_TYPE)
 
     @cached_property
@@ -253,6 +253,6 @@ def _find(symbols: Mapping[str, _Symbol], name: str, what: str, domain: str) -> 
     if found is None:
         known = ", ".join(getattr(symbol, "name", "?") for symbol in symbols.values())
         raise UnknownSymbol(
-            f"the domain {domain} has no {what} {name}; " + (f"it has {known}" if known else "it has none")
+            f"the domain {domain} has no {what} {one_line(name)}; " + (f"it has {known}" if known else "it has none")
         )
     return found

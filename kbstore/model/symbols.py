@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import NamedTuple
 
-from kbstore.errors import InvalidKnowledge, UnknownSymbol
+from kbstore.errors import InvalidKnowledge, UnknownSymbol, one_line
 from kbstore.messages.enums import KnowledgeType
 from kbstore.model.actions import Action
 from kbstore.model.domain import Domain, Signature
@@ -131,13 +131,13 @@ def arity_problem(atom: Atom, declared: Signature | Action) -> str | None:
 
 
 def _wrong_arity(atom: Atom, expected: str) -> str:
-    return f"{atom!s:.200} has {_count(len(atom.arguments), 'argument')}, but {expected}"
+    return f"{one_line(str(atom)):.200} has {_count(len(atom.arguments), 'argument')}, but {expected}"
 
 
 def _refuse_repeated(atom: Atom, labels: Sequence[str]) -> None:
     given = [key(label) for label in labels if label]
     if len(set(given)) != len(given):
-        raise InvalidKnowledge(f"{atom}: a label is given twice: {', '.join(given)}")
+        raise InvalidKnowledge(f"{one_line(str(atom))}: a label is given twice: {', '.join(given)}")
 
 
 def _count(number: int, noun: str) -> str:

@@ -22,7 +22,7 @@ import sqlalchemy as sa
 from sqlalchemy.engine import URL
 from sqlalchemy.exc import DBAPIError
 
-from kbstore.errors import KbStoreError, SchemaOutOfDate, SchemaTooNew, SchemaUnknown, StoreUnavailable
+from kbstore.errors import KbStoreError, SchemaOutOfDate, SchemaTooNew, SchemaUnknown, StoreUnavailable, one_line
 from kbstore.storage import tables
 from kbstore.storage.connection import LOG
 from kbstore.storage.driver_errors import sqlite_code
@@ -173,7 +173,9 @@ def connecting(engine: sa.Engine, *, existing: bool = False) -> Iterator[sa.Conn
     """A connection whose driver begins and ends no transactions by itself; with `existing`, makes no new file."""
     path = _file(engine)
     if existing and path is not None and not path.exists():
-        raise StoreUnavailable(f"there is no store at {path}; kbstore.open() without read_only makes one")
+        raise StoreUnavailable(
+            f"there is no store at {one_line(str(path))}; kbstore.open() without read_only makes one"
+        )
     with engine.connect() as connection:
         driver: Any = connection.connection.dbapi_connection
         # a connection that has it already may be another one's, too (in memory), and is left as it is

@@ -5,6 +5,7 @@ from itertools import pairwise
 
 from kbstore import names
 from kbstore.clock import isoformat
+from kbstore.errors import one_line
 from kbstore.messages import Instance
 from kbstore.model.timelines import EndCause, Value
 from kbstore.names import is_wildcard, key
@@ -82,7 +83,7 @@ class ObjectHandlers:
                 violations.append(f"{item}: {name} is a constant of the domain: it always exists")
             if not domain.knows_type(type_name or "object"):
                 known = ", ".join(domain.types) or "object"
-                violations.append(f"{item}: the domain {domain.name} has no type {type_name}; it has {known}")
+                violations.append(f"{item}: the domain {domain.name} has no type {one_line(type_name)}; it has {known}")
         elif type_name and (wrong := names.problem(type_name)):
             violations.append(f"{item}: the type name {type_name!r:.60} {wrong}")
         return violations
@@ -121,7 +122,7 @@ class ObjectHandlers:
         if domain is not None:
             if item.instance_type and not domain.knows_type(item.instance_type):
                 known = ", ".join(domain.types) or "object"
-                return [f"{item}: the domain {domain.name} has no type {item.instance_type}; it has {known}"]
+                return [f"{item}: the domain {domain.name} has no type {one_line(item.instance_type)}; it has {known}"]
             if domain.constant_spelling(item.instance_name) is not None:
                 return [f"{item}: {item.instance_name} is a constant of the domain, which cannot be removed"]
         if is_wildcard(item.instance_name) and not item.instance_type:

@@ -31,6 +31,30 @@ def test_no_message_carries_raw_control_characters(nasty):
             assert not any(RAW.search(violation) for violation in getattr(caught.value, "violations", ()))
 
 
+@pytest.mark.parametrize("breaking", ["a\nb", "a\n  - b", "a\r\nb"])
+def test_no_message_breaks_its_line_by_what_it_quotes(breaking):
+    """A name in a message cannot add a line to an error, not even one that looks like the error's own."""
+    with kbstore.open("sqlite://") as kb:
+        kb.load("(define (domain d) (:types t) (:predicates (p ?x - t) (q)) (:functions (f)))")
+        wrong = [
+            lambda: kb.add(kbstore.Fact(attribute_name=breaking)),
+            lambda: kb.add(kbstore.Fact(attribute_name="q", values=[breaking])),
+            lambda: kb.add(kbstore.Function(attribute_name=breaking, function_value=1)),
+            lambda: kb.add(kbstore.Instance(instance_name="x", instance_type=breaking)),
+            lambda: kb.holds(kbstore.Fact(attribute_name=breaking)),
+            lambda: kb.remove(kbstore.Fact(attribute_name="p", values=[breaking, "a"])),
+            lambda: kb.instances(breaking),
+            lambda: kb.apply(breaking),
+            lambda: kb.set_sensed(breaking, True),
+            lambda: kb.domain.function(breaking),
+            lambda: kbstore.open(f"sqlite:////nowhere/{breaking}.db", read_only=True),
+        ]
+        for call in wrong:
+            with pytest.raises(kbstore.KbStoreError) as caught:
+                call()
+            assert "\n" not in str(caught.value)
+
+
 def test_every_error_keeps_the_text_and_the_builtin_that_it_had():
     """An error is its sentence, and a builtin for those who know only Python."""
     for error, builtin in (
