@@ -136,7 +136,8 @@ def execute(
     alone.
 
     A duration that the planner rounded is the one that the domain allows, if there is one within a millisecond, and
-    the action is then ended when it is due.
+    the action is then ended when it is due. An action of which an over-all condition is expected to break is started
+    all the same where the plan goes on before that: a later step may prevent it.
 
     `NotApplicable` ends the loop: from a step, or before one where an over-all condition of what runs has been broken
     (rule O6). What was started then still runs, and is found in ``kb.state().running``.
@@ -166,7 +167,9 @@ def execute(
             case Happening.APPLY:
                 yield step, knowledge_base.apply(step.operator, *step.arguments)
             case Happening.START:
-                running[step.action] = _start(knowledge_base, step)
+                later = (other.at for other in todo[index + 1 :] if other.happening is not Happening.END)
+                repair = next((begin + at for at in later if at is not None), None)
+                running[step.action] = _start(knowledge_base, step, repair)
                 yield step, running[step.action]
             case Happening.END:
                 run = running.pop(step.action)
@@ -174,22 +177,34 @@ def execute(
                     yield step, knowledge_base.end(run)
 
 
-def _start(knowledge_base: Any, step: Step) -> Run:
-    """Start an action with its duration in the plan, or one within `PRINTED` of it that the domain allows."""
+def _start(knowledge_base: Any, step: Step, repair: int | None) -> Run:
+    """Start an action with its duration in the plan, or one within `PRINTED` of it that the domain allows.
+
+    An over-all condition that is expected to break is no reason against it where another step comes by then, at the
+    time `repair`: the plan may prevent it, and if it does not, the break stops the plan.
+    """
     try:
         started: Run = knowledge_base.start(step.operator, *step.arguments, duration=step.duration)
         return started
-    except NotApplicable as refusal:
-        if step.duration is None:
-            raise
+    except NotApplicable:
         # what the domain fixes, and a bound that was rounded across
-        for duration in (None, step.duration - PRINTED // 2, step.duration + PRINTED // 2):
+        near = () if step.duration is None else (None, step.duration - PRINTED // 2, step.duration + PRINTED // 2)
+        for duration in (step.duration, *near):
             with suppress(NotApplicable, InvalidKnowledge), knowledge_base.transaction() as tx:
-                started = tx.start(step.operator, *step.arguments, duration=duration)
-                if abs(started.duration - step.duration) > PRINTED:
-                    raise refusal
+                force = _is_only_foreseen(tx, step, duration, repair)
+                started = tx.start(step.operator, *step.arguments, duration=duration, force=force)
+                if step.duration is not None and abs(started.duration - step.duration) > PRINTED:
+                    raise
                 return started
         raise
+
+
+def _is_only_foreseen(tx: Any, step: Step, duration: int | None, repair: int | None) -> bool:
+    """Return whether nothing but breaks that are expected at `repair` or later is against a start."""
+    if repair is None:
+        return False
+    failing = tx.applicable(step.operator, *step.arguments, duration=duration).failing
+    return bool(failing) and all(f.since is not None and f.since >= max(repair, tx.now + 1) for f in failing)
 
 
 def _due(step: Step, begin: int, following: int | None, run: Run | None, now: int) -> int:

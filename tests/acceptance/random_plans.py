@@ -2,11 +2,12 @@
 
 import random
 from collections.abc import Iterator
+from contextlib import suppress
 from itertools import product
 
-from kbstore import KnowledgeBase, ManualClock, Run, seconds
+from kbstore import KnowledgeBase, ManualClock, NotApplicable, Run, seconds
 from kbstore.clock import SECOND
-from kbstore.interop.plans import Happening, Step
+from kbstore.interop.plans import Happening, Step, in_order, timed_steps
 
 STEP = SECOND // 8
 
@@ -57,6 +58,42 @@ def walk(kb: KnowledgeBase, clock: ManualClock, rng: random.Random, length: int,
     if finish:
         end_until(max(running, default=t))
     return done
+
+
+def good_or_bad(kb: KnowledgeBase, clock: ManualClock, rng: random.Random) -> list[Step]:
+    """A plan for the tanks, good or bad: most actions are applicable when they begin; no two things are at one time."""
+    begin, t, busy, steps = clock.now(), 0, set[int](), list[Step]()
+    running: dict[tuple[str, ...], int] = {}
+
+    def unused(at: int) -> int:
+        while at in busy:
+            at += STEP // 4
+        busy.add(at)
+        return at
+
+    for _ in range(rng.randint(4, 9)):
+        t = unused(t + rng.randint(1, 16) * STEP)
+        clock.set(begin + t)
+        choices = [call for call in _calls(kb) if running.get((call[0], *call[1]), -1) < t]
+        rng.shuffle(choices)
+        likely = [call for call in choices if kb.applicable(call[0], *call[1])] if rng.random() < 0.8 else []
+        # what takes time has invariants to break
+        lasting = rng.random() < 0.6
+        name, names = min(likely or choices, key=lambda call: kb.domain.action(call[0]).durative != lasting)
+        duration = None
+        if name == "cure":
+            duration = round(seconds(kb.value(f"(limit {names[0]})") / 2)) + rng.choice([0, 0, 0, STEP])
+            busy.add(t + duration)
+        elif kb.domain.action(name).durative:
+            duration = unused(t + rng.randint(4, 48) * STEP) - t
+        running[name, *names] = t + (duration or 0)
+        steps += timed_steps(name, names, t, duration)
+        with suppress(NotApplicable):  # so that what comes next is chosen knowing what this does
+            if duration is None:
+                kb.apply(name, *names)
+            else:
+                kb.start(name, *names, duration=duration)
+    return in_order(steps)
 
 
 def _choose(kb: KnowledgeBase, rng: random.Random) -> tuple[str, tuple[str, ...], int | None] | None:

@@ -85,6 +85,33 @@ CRANES = """
     :effect (and (increase (level ?t) (* #t 0.125)) (at end (increase (log) 1)))))
 """
 
+TANKS = """
+(define (domain tanks)
+  (:requirements :adl :typing :fluents :durative-actions :duration-inequalities :continuous-effects
+                 :timed-initial-literals)
+  (:types tank)
+  (:predicates (sealed ?t - tank) (calm) (tested ?t - tank))
+  (:functions (level ?t - tank) (inflow ?t - tank) (limit ?t - tank) (used))
+  (:action open-valve :parameters (?t - tank) :precondition (calm) :effect (increase (inflow ?t) 0.5))
+  (:action close-valve :parameters (?t - tank) :precondition (>= (inflow ?t) 0) :effect (decrease (inflow ?t) 1))
+  (:action unseal :parameters (?t - tank) :precondition (sealed ?t) :effect (not (sealed ?t)))
+  (:action vent :parameters (?t - tank) :precondition (not (sealed ?t)) :effect (assign (level ?t) 1))
+  (:action storm :parameters () :precondition (calm) :effect (not (calm)))
+  (:action lull :parameters () :precondition () :effect (calm))
+  (:durative-action fill :parameters (?t - tank)
+    :duration (and (>= ?duration 1) (<= ?duration (limit ?t)))
+    :condition (and (over all (<= (level ?t) 8)) (over all (or (calm) (sealed ?t))) (at end (>= (level ?t) 1)))
+    :effect (and (increase (level ?t) (* #t (inflow ?t))) (at end (tested ?t))))
+  (:durative-action cure :parameters (?t - tank)
+    :duration (= ?duration (/ (limit ?t) 2))
+    :condition (and (over all (sealed ?t)) (at end (tested ?t)) (at end (calm)))
+    :effect (and (at end (increase (used) 1)) (decrease (level ?t) (* #t 0.25))))
+  (:durative-action hold :parameters (?t - tank)
+    :duration (and (>= ?duration 2) (<= ?duration 6))
+    :condition (and (at start (not (sealed ?t))) (over all (sealed ?t)) (over all (>= (level ?t) 0)))
+    :effect (and (at start (sealed ?t)) (at end (not (sealed ?t))) (at start (increase (used) 0.5)))))
+"""
+
 
 @dataclass(frozen=True)
 class World:
@@ -138,6 +165,18 @@ def cranes(rng: random.Random) -> str:
     return _problem("cranes", "c0 c1 - crane t0 t1 - tank d0 d1 d2 - dock", init, f"(and {' '.join(goals)})")
 
 
+def tanks(rng: random.Random) -> str:
+    """Two tanks, and a storm that comes and goes."""
+    init = [f"(= (level {t}) {rng.randint(0, 4)})" for t in ("t0", "t1")]
+    init += [f"(= (inflow {t}) {rng.choice([-0.5, 0.5, 1, 1.5])})" for t in ("t0", "t1")]
+    init += ["(= (limit t0) 5)", f"(= (limit t1) {rng.choice([3, 8])})", "(= (used) 0)", "(calm)"]
+    init += [f"(sealed {t})" for t in ("t0", "t1") if rng.random() < 0.7] + ["(tested t0)"]
+    start = rng.randint(4, 20)
+    init += [f"(at {start}.0625 (not (calm)))", f"(at {start + 3}.0625 (calm))"]
+    init += [f"(at {start + 1}.1875 (= (inflow t1) 1))"]
+    return _problem("tanks", "t0 t1 - tank", init, "(tested t1)")
+
+
 def _problem(domain: str, objects: str, init: list[str], goal: str) -> str:
     return f"(define (problem p) (:domain {domain}) (:objects {objects}) (:init {' '.join(init)}) (:goal {goal}))"
 
@@ -146,4 +185,5 @@ WORLDS = {
     "lights": World(LIGHTS, lights),
     "jugs": World(JUGS, jugs),
     "cranes": World(CRANES, cranes),
+    "tanks": World(TANKS, tanks),
 }
