@@ -22,15 +22,18 @@ app = typer.Typer(
 
 goal = typer.Typer(cls=LazyGroup, invoke_without_command=True, help="Add goals, or remove them.")
 nodes = typer.Typer(cls=LazyGroup, invoke_without_command=True, help="Serve a knowledge base on a ROS graph.")
+bag = typer.Typer(cls=LazyGroup, invoke_without_command=True, help="Import bags of ROS, and export for their viewers.")
 db = typer.Typer(cls=LazyGroup, invoke_without_command=True, help="Upgrade or check the schema of the store.")
 
 app.add_typer(goal, name="goal", rich_help_panel=WRITE)
 app.add_typer(nodes, name="ros", rich_help_panel=SERVE)
+app.add_typer(bag, name="bag", rich_help_panel=MAINTAIN)
 app.add_typer(db, name="db", rich_help_panel=MAINTAIN)
 
 
 @goal.callback()
 @nodes.callback()
+@bag.callback()
 @db.callback()
 def show_help(ctx: typer.Context) -> None:
     """Show the help if no command follows."""

@@ -147,6 +147,12 @@ COMMANDS = [
         "Move the history before a time into a file, which can be asked like any other store.",
     ),
     Command("demo", "admin.demo", MAINTAIN, "Record a robot's morning in a new file, and ask questions about it."),
+    Command(
+        "bag import",
+        "bag.import_",
+        None,
+        "Record what a bag of PlanSys2 or ROSPlan says in a knowledge base of its own, with the bag's times.",
+    ),
     Command("goal add", "write.goal_add", None, "Add goals. A conjunction is split into its parts."),
     Command("goal remove", "write.goal_remove", None, "Remove goals; ? matches any object."),
     Command(

@@ -38,6 +38,7 @@ EXAMPLES = {
     "timeline": ["battery"],
     "mcp": None,
     "ros rosplan": None,
+    "bag import": None,
     "kbs": [],
     "export": ["--at", ASKED, "--format", "json"],
     "import": None,
@@ -105,7 +106,7 @@ def test_json_may_stand_before_the_command(run):
 
 def test_without_a_command_help_is_shown(run):
     """`kbstore`, and each of its groups alone, show what there is, and succeed."""
-    for group in ((), ("goal",), ("ros",), ("db",)):
+    for group in ((), ("goal",), ("ros",), ("bag",), ("db",)):
         done = run(*group)
         assert (done.code, done.err) == (0, "")
         assert "Usage: kbstore" in done.out

@@ -1,0 +1,45 @@
+"""Bags: ``bag import``."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from kbstore.cli.options import Json, Url, store
+from kbstore.cli.output import answer, working
+from kbstore.clock import isoformat
+
+Name = Annotated[
+    str | None, typer.Option("--kb", metavar="NAME", help="The knowledge base (default: the name of the bag).")
+]
+
+
+def import_(
+    file: Annotated[Path, typer.Argument(help="A rosbag1 file, the directory of a rosbag2, or its only file.")],
+    domain: Annotated[
+        Path | None, typer.Option("--domain", metavar="FILE", help="The PDDL domain, which a bag does not have.")
+    ] = None,
+    problem: Annotated[
+        Path | None, typer.Option("--problem", metavar="FILE", help="A PDDL problem that declares the objects.")
+    ] = None,
+    url: Url = None,
+    kb: Name = None,
+    as_json: Json = False,
+) -> None:
+    """Record what a bag of PlanSys2 or ROSPlan says in a knowledge base of its own, with the bag's times.
+
+    The same bag again changes nothing, and an import that was interrupted goes on. Needs the extra bags, and no ROS.
+
+    Examples:
+        kbstore bag import mission.bag --url robot.db --domain domain.pddl
+        kbstore bag import mission.mcap --url robot.db --kb monday
+    """
+    from kbstore.ros.bags.importing import import_bag
+
+    with working(f"Reading {file}") as show:
+        done = import_bag(file, store(url), kb, domain=domain, problem=problem, progress=show)
+    said = (
+        f"{done.name} has {sum(done.messages.values())} messages of {isoformat(done.since)} to {isoformat(done.until)}"
+    )
+    said += f": {done.transactions} new transactions"
+    answer(done.to_dict(), as_json=as_json, view=lambda: said)

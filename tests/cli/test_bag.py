@@ -1,0 +1,46 @@
+"""`kbstore bag`: what it says of an import, and what it refuses."""
+
+import json
+import sys
+
+from tests.ros.bag_files import DOMAIN, write
+
+
+def twice(messages):
+    """Two snapshots of one time, of which the last counts."""
+    yield 5, "/problem_expert/knowledge", messages.knowledge(["a"], ["(open a)"])
+    yield 5, "/problem_expert/knowledge", messages.knowledge(["a", "b"], ["(open b)"])
+
+
+def test_the_command(run, tmp_path):
+    """`kbstore bag import` names the knowledge base after the bag; its last line and its JSON say what came of it."""
+    bag, store = write(tmp_path / "monday", "mcap", twice), tmp_path / "robot.db"
+    domain = tmp_path / "domain.pddl"
+    domain.write_text(DOMAIN)
+    done = run("bag", "import", next(bag.glob("*.mcap")), "--url", store, "--domain", domain, "--kb", "monday")
+    assert (done.code, done.err) == (0, "")
+    at = "1970-01-01T00:00:00.000000005Z"
+    assert done.words == [f"monday has 1 messages of {at} to {at}: 2 new transactions"]
+    again = run("bag", "import", bag, "--url", store, "--json")
+    assert json.loads(again.out) == {
+        "knowledge_base": "monday",
+        "messages": {"/problem_expert/knowledge": 1},
+        "transactions": 0,
+        "since": at,
+        "since_ns": 5,
+        "until": at,
+        "until_ns": 5,
+        "left_out": [],
+    }
+    missing = run("bag", "import", tmp_path / "none.bag", "--url", store)
+    assert (missing.code, missing.err) == (2, f"kbstore: {tmp_path / 'none.bag'}: No such file or directory\n")
+
+
+def test_without_rosbags_the_extra_is_named(run, monkeypatch, tmp_path):
+    """One line that says what to install."""
+    for name in [name for name in sys.modules if name.startswith(("rosbags", "kbstore.ros.bags"))]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "rosbags", None)
+    done = run("bag", "import", tmp_path / "x.bag", "--url", tmp_path / "robot.db")
+    assert (done.code, done.out) == (2, "")
+    assert "pip install 'kbstore[bags]'" in done.err
