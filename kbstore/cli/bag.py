@@ -1,13 +1,14 @@
-"""Bags: ``bag import``."""
+"""Bags: ``bag import``, ``bag export``."""
 
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from kbstore.cli.options import Json, Url, store
+from kbstore.cli.options import AsOf, Json, Kb, Now, Since, Until, Url, asked, at_time, belief, store
 from kbstore.cli.output import answer, working
 from kbstore.clock import isoformat
+from kbstore.report.tables import plural
 
 Name = Annotated[
     str | None, typer.Option("--kb", metavar="NAME", help="The knowledge base (default: the name of the bag).")
@@ -43,3 +44,30 @@ def import_(
     )
     said += f": {done.transactions} new transactions"
     answer(done.to_dict(), as_json=as_json, view=lambda: said)
+
+
+def export(
+    file: Annotated[Path, typer.Argument(help="The MCAP file to create.")],
+    since: Since = None,
+    until: Until = None,
+    as_of: AsOf = None,
+    url: Url = None,
+    kb: Kb = None,
+    now: Now = None,
+    as_json: Json = False,
+) -> None:
+    """Write the record as MCAP with JSON messages, for Foxglove and Lichtblick.
+
+    The State Transitions panel shows /facts/robot_at/kenny.value and /runs/drive/kenny.value, the Plot panel
+    /numbers/battery/kenny.value. Needs the extra bags, and no ROS.
+
+    Examples:
+        kbstore bag export kenny.mcap
+        kbstore bag export morning.mcap --since -4h --until -1h
+    """
+    from kbstore.ros.bags.mcap_file import export_mcap
+
+    with asked(url, kb, now) as found:
+        done = export_mcap(found, file, at_time(since, found), at_time(until, found), belief(as_of, found))
+    said = f"{file} has {plural(done.messages, 'message')} on {plural(done.topics, 'topic')}"
+    answer({"file": str(file), **done.to_dict()}, as_json=as_json, view=lambda: said)

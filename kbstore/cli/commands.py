@@ -153,6 +153,12 @@ COMMANDS = [
         None,
         "Record what a bag of PlanSys2 or ROSPlan says in a knowledge base of its own, with the bag's times.",
     ),
+    Command(
+        "bag export",
+        "bag.export",
+        None,
+        "Write the record as MCAP with JSON messages, for Foxglove and Lichtblick.",
+    ),
     Command("goal add", "write.goal_add", None, "Add goals. A conjunction is split into its parts."),
     Command("goal remove", "write.goal_remove", None, "Remove goals; ? matches any object."),
     Command(

@@ -3,6 +3,8 @@
 import json
 import sys
 
+from mcap.reader import make_reader
+
 from tests.ros.bag_files import DOMAIN, write
 
 
@@ -34,6 +36,22 @@ def test_the_command(run, tmp_path):
     }
     missing = run("bag", "import", tmp_path / "none.bag", "--url", store)
     assert (missing.code, missing.err) == (2, f"kbstore: {tmp_path / 'none.bag'}: No such file or directory\n")
+
+
+def test_export(run, tmp_path):
+    """A new file of the mission, with what holds in a span; one that is there is kept."""
+    file = tmp_path / "kenny.mcap"
+    span = "--since", "2026-05-04T09:00:00Z", "--until", "2026-05-04T09:02:00Z"
+    done = run("bag", "export", file, *span, "--json")
+    assert done.code == 0
+    with file.open("rb") as opened:
+        messages = [found for _, _, found in make_reader(opened).iter_messages()]
+    assert done.json["messages"] == len(messages)
+    assert (done.json["file"], done.json["since"]) == (str(file), "2026-05-04T09:00:00Z")
+    assert done.json["since_ns"] == messages[0].log_time
+    again = run("bag", "export", file)
+    assert (again.code, again.err) == (2, f"kbstore: {file}: File exists\n")
+    assert run("bag", "export", tmp_path / "all.mcap").out.startswith(f"{tmp_path / 'all.mcap'} has ")
 
 
 def test_without_rosbags_the_extra_is_named(run, monkeypatch, tmp_path):

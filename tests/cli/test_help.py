@@ -39,6 +39,7 @@ EXAMPLES = {
     "mcp": None,
     "ros rosplan": None,
     "bag import": None,
+    "bag export": ["kenny.mcap"],
     "kbs": [],
     "export": ["--at", ASKED, "--format", "json"],
     "import": None,

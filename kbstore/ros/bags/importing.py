@@ -12,7 +12,7 @@ from kbstore.clock import ManualClock, isoformat
 from kbstore.errors import InvalidKnowledge, KbStoreError
 from kbstore.knowledge_base import KnowledgeBase
 from kbstore.model.domain import Domain
-from kbstore.model.plain import times
+from kbstore.model.plain import Data, Result, times
 from kbstore.model.results import Transaction
 from kbstore.ros.bags.reading import Bag, Recorded, opened
 from kbstore.ros.bags.rosplan_mirror import RosplanMirror
@@ -26,7 +26,7 @@ PLANSYS2 = frozenset({"knowledge", "plan", "info", "hub"})
 
 
 @dataclass(frozen=True)
-class Imported:
+class Imported(Result):
     """What an import came to: the knowledge base, how many messages of each topic, what was recorded, and when."""
 
     name: str
@@ -36,7 +36,7 @@ class Imported:
     until: int = 0
     left_out: tuple[str, ...] = ()
 
-    def to_dict(self) -> dict[str, object]:
+    def to_dict(self) -> Data:
         """Return it as plain data for JSON."""
         return {
             "knowledge_base": self.name,
