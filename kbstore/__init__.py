@@ -8,7 +8,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from kbstore.api import knowledge_bases, open
+    from kbstore.api import knowledge_bases, open, push
     from kbstore.clock import Clock, DurationLike, ManualClock, SystemClock, TimeLike, seconds, time
     from kbstore.conversion import MessageDomain as Domain
     from kbstore.errors import (
@@ -76,6 +76,7 @@ if TYPE_CHECKING:
     from kbstore.transfer.archive import Archived
     from kbstore.transfer.backup import backup
     from kbstore.transfer.interchange import export_knowledge_base, import_knowledge_base
+    from kbstore.transfer.push import Pushed
     from kbstore.writing.ingesting import Ingested
     from kbstore.writing.unit_of_work import OpenTransaction
 
@@ -127,6 +128,7 @@ __all__ = [
     "OpenTransaction",
     "Operator",
     "PddlSyntaxError",
+    "Pushed",
     "QueryResult",
     "Question",
     "Run",
@@ -152,6 +154,7 @@ __all__ = [
     "item",
     "knowledge_bases",
     "open",
+    "push",
     "seconds",
     "time",
 ]
@@ -159,6 +162,7 @@ __all__ = [
 _HOMES = {
     "knowledge_bases": "kbstore.api.knowledge_bases",
     "open": "kbstore.api.open",
+    "push": "kbstore.api.push",
     "Clock": "kbstore.clock.Clock",
     "DurationLike": "kbstore.clock.DurationLike",
     "ManualClock": "kbstore.clock.ManualClock",
@@ -229,6 +233,7 @@ _HOMES = {
     "backup": "kbstore.transfer.backup.backup",
     "export_knowledge_base": "kbstore.transfer.interchange.export_knowledge_base",
     "import_knowledge_base": "kbstore.transfer.interchange.import_knowledge_base",
+    "Pushed": "kbstore.transfer.push.Pushed",
     "Ingested": "kbstore.writing.ingesting.Ingested",
     "OpenTransaction": "kbstore.writing.unit_of_work.OpenTransaction",
 }

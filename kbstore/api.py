@@ -1,4 +1,4 @@
-"""Opening a knowledge base in a store."""
+"""Opening a knowledge base in a store, and continuing it in another."""
 
 import os
 
@@ -13,6 +13,8 @@ from kbstore.storage import directory
 from kbstore.storage import schema as schemas
 from kbstore.storage.database import Database
 from kbstore.storage.engine import BUSY_TIMEOUT
+from kbstore.transfer.push import Pushed, pushing
+from kbstore.transfer.rows import Progress
 
 
 def open(
@@ -89,3 +91,42 @@ def knowledge_bases(url: str | os.PathLike[str] | URL | Engine, *, schema: str |
             return directory.names(connection)
     finally:
         database.close()
+
+
+def push(
+    kb: KnowledgeBase,
+    url: str | os.PathLike[str] | URL | Engine,
+    name: str | None = None,
+    *,
+    follow: bool = False,
+    progress: Progress | None = None,
+) -> Pushed:
+    """Continue a knowledge base in another store, on either engine: everything that was recorded, exactly once.
+
+    The copy has the same transactions with the same numbers, domains, schedules and runs. From the first push on
+    nothing else is written to it. Interrupted at any moment, a push is done again and goes on; several robots may push
+    to one server at once, and writers go on meanwhile.
+
+    Args:
+        kb: the source, open for reading or writing.
+        url: the store to push to; an empty database is set up.
+        name: the name of the knowledge base there; None: its own.
+        follow: whether to go on as transactions are recorded, until `kb.close()` in another thread. A target that
+            cannot be reached any more is tried again and again, with a warning in the log.
+        progress: told again and again up to which transaction the copy has it, and which is the latest.
+
+    Returns:
+        Up to which transaction the copy has it, and how much was pushed.
+
+    Raises:
+        StoreUnavailable: the other store cannot be reached.
+        Conflict: the other store has a knowledge base of that name that was written to by others.
+        StoreWentBack: transactions that had been pushed are gone from this store.
+        HistoryUnavailable: what the copy lacks has been archived here.
+        InvalidKnowledge: the copy was created with another `use_unknowns`, or one of the two is an archive.
+    """
+    with pushing(kb._reader, url, name, progress) as push:
+        if not follow:
+            return push.catch_up()
+        kb._watches.add(push)
+        return push.follow()

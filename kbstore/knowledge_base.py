@@ -80,6 +80,8 @@ from kbstore.writing.unit_of_work import OpenTransaction
 if TYPE_CHECKING:
     from sqlalchemy import Connection
 
+    from kbstore.transfer.push import Push
+
 
 class KnowledgeBase:
     """A knowledge base; made by `kbstore.open`, and a context manager that closes it.
@@ -132,7 +134,7 @@ class KnowledgeBase:
         self._explainer = Explainer(self._reader, self._history)
         self._answers = Answers(self._reader, self._clock, caching=cache)
         self._writing = threading.local()
-        self._watches: WeakSet[Watch[Any]] = WeakSet()
+        self._watches: WeakSet[Watch[Any] | Push] = WeakSet()
 
     def _find_or_create(self, use_unknowns: bool | None) -> tuple[int, bool]:
         with self._database.connect() as connection:

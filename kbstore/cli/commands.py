@@ -146,6 +146,12 @@ COMMANDS = [
         MAINTAIN,
         "Move the history before a time into a file, which can be asked like any other store.",
     ),
+    Command(
+        "push",
+        "push.push",
+        MAINTAIN,
+        "Continue a knowledge base in another store, exactly once: a robot's in a server for the fleet.",
+    ),
     Command("demo", "admin.demo", MAINTAIN, "Record a robot's morning in a new file, and ask questions about it."),
     Command(
         "bag import",
@@ -183,4 +189,10 @@ COMMANDS = [
         "Succeed if the store can be reached and has the required schema; for start-up scripts.",
     ),
     Command("db history", "migrations.history", None, "List the revisions of the schema that this kbstore knows."),
+    Command(
+        "db adopt",
+        "push.adopt",
+        None,
+        "Make a copy that kbstore push has written an original, which is written to here. Later pushes are refused.",
+    ),
 ]

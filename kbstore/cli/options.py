@@ -100,7 +100,7 @@ def store(url: str | None) -> str:
 def asked(url: str | None, kb: str | None, now: str | None) -> Iterator[KnowledgeBase]:
     """The knowledge base, opened read-only; refused if the store does not have it."""
     place = store(url)
-    name = _named(kb, kbstore.knowledge_bases(place), place)
+    name = named(kb, kbstore.knowledge_bases(place), place)
     with kbstore.open(place, name, clock=_clock(place, name, now), read_only=True) as found:
         yield found
 
@@ -116,7 +116,7 @@ def told(url: str | None, kb: str | None, now: str | None, *, creating: bool = T
             raise
         # there is no store yet, or opening it for writing reports what is wrong
         names = []
-    name = kb if creating and kb else _named(kb, names, place) if names or not creating else "default"
+    name = kb if creating and kb else named(kb, names, place) if names or not creating else "default"
     with kbstore.open(place, name, clock=_clock(place, name, now)) as found:
         yield found
 
@@ -131,7 +131,8 @@ def belief(text: str | None, kb: KnowledgeBase) -> int | Transaction | None:
     return (None if text is None else named_transaction(text, kb)) or at_time(text, kb)
 
 
-def _named(name: str | None, names: list[str], place: str) -> str:
+def named(name: str | None, names: list[str], place: str) -> str:
+    """The knowledge base of a store that is meant, if it has that name, or only one."""
     if name is None and len(names) == 1:
         return names[0]
     if name in names:

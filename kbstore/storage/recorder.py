@@ -16,6 +16,9 @@ from kbstore.storage.tables import PRESENT_SCHEDULES, Revision
 
 _TOKEN_BITS = 62
 
+_DERIVED_ANEW = 1 << 30
+"""The first place of what is derived anew in a copy; no transaction records so many rows."""
+
 
 class Recorder:
     """One transaction of a knowledge base: its number follows that of the head, which is locked."""
@@ -70,6 +73,17 @@ class Recorder:
             put_head(connection, kb, head)
         return head
 
+    def record_derived(self, changes: RowChanges) -> None:
+        """Write only how numbers are to move ahead: for a copy, which derives it anew."""
+        connection = self._connection
+        self._change_rates(changes)
+        rows = [
+            self._row(KnowledgeType.FUNCTION, _DERIVED_ANEW + place, True, *new)
+            for place, new in enumerate(changes.derived)
+        ]
+        connection.many(for_kind[KnowledgeType.FUNCTION].add, rows)
+        connection.many(queries.add_schedule, self._schedules)
+
     # -- assertions -------------------------------------------------------------------------------------------
 
     def _change_assertions(self, changes: RowChanges) -> None:
@@ -110,12 +124,17 @@ class Recorder:
                 settled.append((end, level(row.initial_time, end), kb, row.recorded_tx, row.seq))
                 self._revise(kind, row, Revision.SETTLED)
             connection.many(for_kind[kind].settle, settled)
+        self._change_rates(changes)
+
+    def _change_rates(self, changes: RowChanges) -> None:
+        """What does not lie ahead any more as it was derived."""
+        connection, kb = self._connection, self._kb
         if changes.underived:
             underived = [(kb, row.recorded_tx, row.seq) for row in changes.underived]
             connection.many(for_kind[KnowledgeType.FUNCTION].delete, underived)
             connection.many(queries.delete_schedule, underived)
-        if changes.rates:
-            connection.many(queries.settle_rate, [(rate, kb, row.recorded_tx, row.seq) for row, rate in changes.rates])
+        rates = [(rate, kb, row.recorded_tx, row.seq) for row, rate in changes.rates]
+        connection.many(queries.settle_rate, rates)
 
     def _add_assertions(self, changes: RowChanges) -> None:
         seq = 0

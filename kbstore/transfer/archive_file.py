@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from kbstore.clock import OPEN, isoformat
+from kbstore.clock import isoformat
 from kbstore.errors import HistoryUnavailable, InvalidKnowledge, StoreUnavailable
 from kbstore.storage import directory, schema
 from kbstore.storage.connection import StoreConnection
@@ -16,7 +16,8 @@ from kbstore.storage.database import Database
 from kbstore.storage.memory import StoreMemory
 from kbstore.storage.records import Head
 from kbstore.storage.repository import Repository
-from kbstore.transfer.queries import ARCHIVE, assertions, by_table, quick_check, revisions_after
+from kbstore.transfer.past import Past
+from kbstore.transfer.queries import ARCHIVE, assertions, by_table, quick_check
 from kbstore.transfer.rows import Part, Record, RowSource, RowTarget, batches, make_archive, sync_directory
 
 CHECKED = (*assertions, "schedules", "runs")
@@ -83,7 +84,7 @@ class ArchiveFile:
         if own is not None:
             part = part._replace(after=own.number)
         source = RowSource(session, self._name, part)
-        past = _Past(session, source, part.upto, before)
+        past = Past(session, source.kb, part.upto, before - 1)
         head = Head(
             number=part.upto,
             time=before - 1,
@@ -145,47 +146,3 @@ def _mark(path: Path) -> None:
 def _is_part(some: Iterator[Record], all_of_them: Iterator[Record]) -> bool:
     """Return whether all records of one iterator, which is in order, are among those of another."""
     return all(any(record == other for other in all_of_them) for record in some)
-
-
-class _Past:
-    """Rows as they were after the transaction `upto`, right before the time `before` of the next."""
-
-    def __init__(self, connection: StoreConnection, source: RowSource, upto: int, before: int) -> None:
-        self._upto = upto
-        self._before = before
-        self._revisions: dict[tuple[int, int], tuple[int, int]] = {}
-        parameters = {"kb": source.kb, "upto": upto}
-        for number, seq, tx, end_before in connection.all(revisions_after, parameters):
-            self._revisions.setdefault((number, seq), (tx, end_before))
-
-    def of(self, table: str, record: Record) -> Record:
-        """A row as it was."""
-        if table in assertions:
-            return self._assertion(table, record)
-        if table == "schedules" and self._before <= record["until_time"] < record["initial_time"]:
-            # cancelled later
-            return record | {"until_time": record["initial_time"]}
-        if table == "runs" and self._is_later(record["ended_tx"]):
-            return record | {"end_time": OPEN, "ended_tx": None, "outcome": None}
-        return record
-
-    def _assertion(self, table: str, record: Record) -> Record:
-        ended = record["ended_tx"]
-        revision = self._revisions.get((record["recorded_tx"], record["seq"]))
-        if revision is not None and (not self._is_later(ended) or revision[0] <= ended):
-            # the first change after `upto` gives the end before it
-            record = record | {"end_time": revision[1]}
-        elif self._is_later(ended):
-            # what ended without a revision had been open
-            record = record | {"end_time": OPEN}
-        if self._is_later(ended):
-            record = record | {"ended_tx": None, "end_cause": None}
-        if self._is_later(record["retired_tx"]):
-            record = record | {"retired_tx": None}
-        if table == "functions" and record["initial_time"] >= self._before:
-            # rates ahead are derived anew by whoever asks for what is expected
-            record = record | {"rate": record["own_rate"]}
-        return record
-
-    def _is_later(self, number: int | None) -> bool:
-        return number is not None and number > self._upto

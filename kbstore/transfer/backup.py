@@ -70,7 +70,8 @@ def _copy_rows(database: Database, path: Path, progress: Progress | None) -> Non
             for found in sources:
                 made = RowTarget(target, found.name, use_unknowns=found.use_unknowns)
                 copy(found, made, steps)
-                made.put_head(found.head)
+                # what follows another store does so where it was
+                made.put_head(found.head._replace(source=None))
         with copied.connect() as session, copied.wrap_errors():
             _make_single_file(session.driver)
     finally:

@@ -31,7 +31,7 @@ class TableQueries:
     def __init__(self, table: Table, *chosen: Any, replacing: tuple[str, ...] = ()) -> None:
         """`chosen` says which rows are read, and `replacing` which columns of a row that is there already are written.
 
-        Rows are read in the order of the key, so that nothing is sorted.
+        Rows are read in the order of the key, so that nothing is sorted. `rows` are all of the knowledge base.
         """
         self.table = table.name
         self.columns = tuple(
@@ -40,9 +40,11 @@ class TableQueries:
             if column.name not in ("kb_id", *_DERIVED)
         )
         keys = [column for column in table.primary_key.columns if column.name != "kb_id"]
-        rows = (table.c.kb_id == KB, *chosen)
-        self.read = Statement(select(*(table.c[column.name] for column in self.columns)).where(*rows).order_by(*keys))
-        self.count = Statement(select(sa.func.count()).select_from(table).where(*rows))
+        own = select(*(table.c[column.name] for column in self.columns)).where(table.c.kb_id == KB)
+        self.rows = own.order_by(*keys)
+        self.chosen = self.rows.where(*chosen)
+        self.read = Statement(self.chosen)
+        self.count = Statement(select(sa.func.count()).select_from(table).where(table.c.kb_id == KB, *chosen))
 
         def add(dialect: str) -> Any:
             added = insert(dialect, table)
@@ -123,7 +125,7 @@ last_transaction = Statement(
 """The token of the last transaction up to :upto, and the last timeline that there was then."""
 
 revisions_after = Statement(
-    select(_revisions.recorded_tx, _revisions.seq, _revisions.tx, _revisions.end_before)
+    select(_revisions.recorded_tx, _revisions.seq, _revisions.tx, _revisions.what, _revisions.end_before)
     .where(_revisions.kb_id == KB, _revisions.tx > parameter("upto"), _revisions.recorded_tx <= parameter("upto"))
     .order_by(_revisions.tx)
 )

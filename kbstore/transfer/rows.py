@@ -21,6 +21,7 @@ from kbstore.storage.memory import StoreMemory
 from kbstore.storage.recorder import put_head
 from kbstore.storage.records import Head
 from kbstore.storage.repository import Repository
+from kbstore.storage.statements import Statement
 from kbstore.transfer.queries import ARCHIVE, application_id, by_table, last_transaction, mark_archive
 
 Store = str | os.PathLike[str] | URL | Engine
@@ -91,12 +92,15 @@ class RowSource:
             found[name] = 0 if row is None else int(row[0])
         return found
 
-    def records(self, table: str) -> Iterator[Record]:
-        """The rows of a table, in an order in which they can be written again; within a transaction."""
+    def records(self, table: str, statement: Statement | None = None, **parameters: Any) -> Iterator[Record]:
+        """The rows of a table, in an order in which they can be written again; within a transaction.
+
+        With `statement`, those that it reads; `parameters` are its own.
+        """
         statements = by_table[table]
         names = [column.name for column in statements.columns]
         flags = [column.name for column in statements.columns if column.type is bool]
-        for row in self._connection.stream(statements.read, self._chosen):
+        for row in self._connection.stream(statement or statements.read, self._chosen | parameters):
             record = dict(zip(names, row, strict=True))
             for name in flags:
                 record[name] = bool(record[name])
@@ -121,8 +125,8 @@ class RowTarget:
         self._connection.many(statement, [self._row(statement.columns, record) for record in records])
 
     def put_head(self, head: Head) -> None:
-        """Write the head; whoever follows another store does so in that store only."""
-        put_head(self._connection, self.kb, head._replace(source=None))
+        """Write the head."""
+        put_head(self._connection, self.kb, head)
 
     def _row(self, columns: Sequence[str], record: Record) -> list[Any]:
         record["kb_id"] = self.kb

@@ -9,7 +9,7 @@ from types import TracebackType
 from typing import Self, TypeVar
 
 from kbstore.clock import DurationLike, TimeLike, isoformat, time
-from kbstore.errors import Conflict, InvalidKnowledge, KbStoreError
+from kbstore.errors import Conflict, InvalidKnowledge, KbStoreError, StoreUnavailable
 from kbstore.interop.up_loading import PlanningProblem, sources
 from kbstore.messages import KnowledgeType, UpdateType
 from kbstore.messages.bulk import gc_paused
@@ -85,6 +85,11 @@ class OpenTransaction:
         reader = self._reader
         self._repository = repository
         self._head = repository.head(for_update=True)
+        if self._head.source is not None:
+            raise StoreUnavailable(
+                f"{reader.name} is a copy here, which only a push from its source writes to: {self._head.source}. "
+                "Write there; or, if that is gone for good, make this copy the original: kbstore db adopt"
+            )
         if self._expect is not None and self._head.number > self._expect:
             raise Conflict(
                 f"transaction {self._head.number} has been committed, but nothing after {self._expect} was expected; "

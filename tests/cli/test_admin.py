@@ -1,6 +1,9 @@
 """Whole knowledge bases: listing, exporting, importing, copying, archiving."""
 
+import json
+
 import kbstore
+from kbstore.transfer.push import Push
 
 ALARM = "2026-05-04T09:02:00Z"
 
@@ -81,3 +84,45 @@ def test_demo_makes_a_file(run, tmp_path):
     done = run("demo", file, "--json").json
     assert (done["file"], done["name"], done["last_time"]) == (str(file), "kenny", "2026-05-04T09:09:10Z")
     assert run("demo", file).code == 2
+
+
+def test_push_continues_a_knowledge_base_elsewhere(run, store, tmp_path):
+    """Everything arrives once; the copy is not written to, until it is adopted."""
+    fleet = tmp_path / "fleet.db"
+    push = ("push", "--url", store, "--to", fleet)
+    assert run(*push).out == "kenny is there up to transaction 25: 25 transactions pushed\n"
+    assert run("add", "(open lab_door)", "--url", store).code == 0
+    # the transaction, the fact that it ended, and the new one
+    assert run(*push, "--json").json == {"name": "kenny", "number": 26, "transactions": 1, "rows": 3}
+    asked = ("history", "(open lab_door)", "--url")
+    assert run(*asked, fleet).out == run(*asked, store).out
+    refused = run("remove", "(open lab_door)", "--url", fleet)
+    assert refused.code == 2
+    assert f"kenny in sqlite:///{store}" in refused.err
+    assert run("db", "adopt", "--url", fleet).out.startswith("kenny is written to here from now on; it was a copy of")
+    assert run("remove", "(open lab_door)", "--url", fleet).code == 0
+    again = run(*push)
+    assert (again.code, again.out) == (2, "")
+    assert "it is at transaction 27" in again.err
+    assert run(*push, "--as", "ken").out == "ken is there up to transaction 26: 26 transactions pushed\n"
+
+
+def test_push_follows(run, store, tmp_path, monkeypatch):
+    """With --follow there is a line for each push; Ctrl-C ends it."""
+    fleet, seen = tmp_path / "fleet.db", []
+
+    def look(push):
+        seen.append(1)
+        if len(seen) == 2:
+            with kbstore.open(store, "kenny") as kb:
+                kb.add("(open lab_door)")
+        if len(seen) == 4:
+            raise KeyboardInterrupt
+        return original(push)
+
+    original = Push._latest
+    monkeypatch.setattr(Push, "_latest", look)
+    done = run("push", "--url", store, "--to", fleet, "--follow", "--json")
+    assert done.code == 130
+    lines = [json.loads(line) for line in done.out.splitlines()]
+    assert lines == [{"name": "kenny", "number": number, "latest": number} for number in (25, 26)]

@@ -45,6 +45,7 @@ EXAMPLES = {
     "import": None,
     "backup": ["copy.db"],
     "archive": ["old.db", "--before", ASKED],
+    "push": ["--to", "fleet.db"],
     "demo": ["demo.db"],
     "goal add": ["(docked kenny)"],
     "goal remove": ["(docked kenny)"],
@@ -53,6 +54,7 @@ EXAMPLES = {
     "db current": [],
     "db check": [],
     "db history": [],
+    "db adopt": None,
 }
 
 SERVING = {"mcp", "ros rosplan"}

@@ -16,6 +16,7 @@ from sqlalchemy.sql import visitors
 from kbstore.storage import queries, tables
 from kbstore.storage.assertion_queries import for_kind
 from kbstore.storage.statements import Batch, Statement
+from kbstore.transfer import delta_queries
 from kbstore.transfer import queries as transfer
 from tests.storage.test_plans import ARRAYS, KEYS, VALUES
 
@@ -40,6 +41,9 @@ def statements():
         elif isinstance(value, tuple | list):
             for index, one in enumerate(value):
                 collect(f"{name}[{index}]", one)
+        elif isinstance(value, dict) and name.startswith("delta"):
+            for key, one in value.items():
+                collect(f"{name}[{key}]", one)
         elif isinstance(value, transfer.TableQueries):
             for one in ("read", "count", "add"):
                 collect(f"{name}.{one}", getattr(value, one))
@@ -48,6 +52,9 @@ def statements():
         for name, value in vars(module).items():
             if not name.startswith("_"):
                 collect(f"{module.__name__.split('.')[1]}.{name}", value)
+    for name, value in vars(delta_queries).items():
+        if not name.startswith("_"):
+            collect(f"delta.{name}", value)
     for name, value in transfer.by_table.items():
         collect(f"transfer.{name}", value)
     for kind in for_kind.values():
@@ -160,6 +167,7 @@ def touched(driver, text, parameters=()):
 def parameters_of(statement):
     """A value for each parameter, for a statement with named ones."""
     others = {"timelines": 100, "gone": 10, "most": 10, "referred": [1], "history_from": 1}
+    others |= {"open_runs": [1, 2]}
     values = VALUES | {name: list(value) for name, value in ARRAYS.items()} | others
     if "json_array_elements" in statement.postgresql:
         values |= {"keys": str(KEYS), "pairs": str(KEYS)}

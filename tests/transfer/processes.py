@@ -1,4 +1,4 @@
-"""Processes that archive, and are killed at a given call of the database."""
+"""Processes that archive or push, and are killed at a given call of the database."""
 
 import multiprocessing
 import os
@@ -6,6 +6,7 @@ import signal
 
 import kbstore
 from kbstore.storage.connection import StoreConnection
+from kbstore.transfer import push as pushing
 
 _context = multiprocessing.get_context("forkserver")
 _context.set_forkserver_preload(["tests.transfer.processes", "psycopg"])
@@ -34,9 +35,8 @@ def calling(act):
     return restore
 
 
-def archive(url, name, before, path, killed_at):
-    """Archive, and be killed (as by kill -9) right before the given call, counted from 1."""
-    kb = kbstore.open(url, name)
+def dying(killed_at):
+    """Be killed (as by kill -9) right before the given call, counted from 1."""
     made = 0
 
     def count():
@@ -46,12 +46,26 @@ def archive(url, name, before, path, killed_at):
             os.kill(os.getpid(), signal.SIGKILL)
 
     calling(count)
+
+
+def archive(url, name, before, path, killed_at):
+    """Archive, and be killed."""
+    kb = kbstore.open(url, name)
+    dying(killed_at)
     kb.archive(before, path)
 
 
-def killed(*arguments):
-    """Run `archive` in a process of its own; its exit code."""
-    process = _context.Process(target=archive, args=arguments)
+def push(url, name, target, chunk, killed_at):
+    """Push in parts of a size, and be killed."""
+    pushing.CHUNK = chunk
+    with kbstore.open(url, name, read_only=True) as kb:
+        dying(killed_at)
+        kbstore.push(kb, target)
+
+
+def killed(act, *arguments):
+    """Do something in a process of its own; its exit code."""
+    process = _context.Process(target=act, args=arguments)
     process.start()
     process.join(60)
     return process.exitcode

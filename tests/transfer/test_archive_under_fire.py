@@ -93,7 +93,9 @@ def test_killed_at_any_moment(fresh, life):
     kills = KILLS if url.startswith("sqlite") else KILLS // 2
     for kill in range(1, kills + 1):
         url, name, path = fresh()
-        assert processes.killed(url, name, BEFORE, path, len(calls) * kill // kills) == -signal.SIGKILL
+        assert (
+            processes.killed(processes.archive, url, name, BEFORE, path, len(calls) * kill // kills) == -signal.SIGKILL
+        )
         with kbstore.open(url, name, clock=clock) as kb:
             states.add(kb.history_from)
             if kb.history_from:
