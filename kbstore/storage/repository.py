@@ -105,6 +105,10 @@ class Repository:
         """Record a transaction after `head`, which is locked; returns the new head."""
         return Recorder(self._connection, self._kb, head, now).record(changes, client, note)
 
+    def save_derived(self, changes: RowChanges, head: Head) -> None:
+        """Write only how numbers are to move ahead, in a copy that stands at `head`."""
+        Recorder(self._connection, self._kb, head._replace(number=head.number - 1), head.time).record_derived(changes)
+
     def transactions(self, numbers: Iterable[int]) -> list[SqlRow]:
         """The rows of some transactions: number, time, changes, client, note."""
         wanted = self._connection.array(sorted(set(numbers)))

@@ -130,7 +130,8 @@ class Push:
                     return True
                 after = delta.write(there, target, self._source)
                 if not delta.is_latest:
-                    derive_rates(there, target.kb, after, use_unknowns=self._reader.use_unknowns)
+                    copied = Repository(there, target.kb, StoreMemory())
+                    derive_rates(copied, after, use_unknowns=self._reader.use_unknowns)
         self._number = after.number
         self._transactions += after.number - before.number
         self._rows += delta.rows

@@ -7,9 +7,6 @@ is not stored any more. The copy derives it as the source did.
 from kbstore.reading.domains import DomainVersions
 from kbstore.reading.mentions import mentions
 from kbstore.reading.reader import as_running
-from kbstore.storage.connection import StoreConnection
-from kbstore.storage.memory import StoreMemory
-from kbstore.storage.recorder import Recorder
 from kbstore.storage.records import Head, LogPosition
 from kbstore.storage.repository import Repository
 from kbstore.writing.action_executor import ActionExecutor
@@ -18,9 +15,8 @@ from kbstore.writing.flush import Flush
 from kbstore.writing.working_state import WorkingState
 
 
-def derive_rates(connection: StoreConnection, kb: int, head: Head, *, use_unknowns: bool) -> None:
+def derive_rates(repository: Repository, head: Head, *, use_unknowns: bool) -> None:
     """Derive how numbers move from the time of the head on, by what runs; in the transaction that has put the head."""
-    repository = Repository(connection, kb, StoreMemory())
     position = LogPosition(head.time)
     running = [as_running(row) for row in repository.running(position)]
     if not running:
@@ -29,5 +25,4 @@ def derive_rates(connection: StoreConnection, kb: int, head: Head, *, use_unknow
     change_set = ChangeSet(repository, head.time, mentions)
     executor = ActionExecutor(change_set, running, head.last_run)
     WorkingState(repository, change_set, executor, domain, use_unknowns=use_unknowns).follow_rates(domain)
-    rows = Flush(change_set, repository).rows()
-    Recorder(connection, kb, head._replace(number=head.number - 1), head.time).record_derived(rows)
+    repository.save_derived(Flush(change_set, repository).rows(), head)
