@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from kbstore.clock import SECOND, TimeLike, isoformat
 from kbstore.messages import Condition, Expression, Function, Goal, KnowledgeItem, Truth, format_number
 from kbstore.model.html import table
+from kbstore.model.pictures import diff_picture, history_picture
 from kbstore.model.plain import Data, Result, each, times
 
 
@@ -76,7 +77,7 @@ class Assertion(Result):
 
 
 class Assertions(list[Assertion]):
-    """A list of assertions, which a notebook shows as a table."""
+    """A list of assertions, which a notebook shows as a small timeline and a table."""
 
     def to_dicts(self) -> list[Data]:
         """Return the assertions as plain data, one dict for each."""
@@ -87,7 +88,7 @@ class Assertions(list[Assertion]):
 
     def _repr_html_(self) -> str:
         header = ("item", "since", "until", "recorded", "ended", "")
-        return table(f"{len(self)} assertions", header, [("", [_row(found) for found in self])])
+        return history_picture(self) + table(f"{len(self)} assertions", header, [("", [_row(found) for found in self])])
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,7 +168,9 @@ class Diff(Result):
         ]
         numbers = [(f"{item.atom} {_number(before)} -> {_number(after)}",) for item, before, after in self.numbers]
         metric = [(f"{self.metric[0] or 'none'} -> {self.metric[1] or 'none'}",)] if self.metric else []
-        return table("difference" if self else "no difference", (), [*items, ("numbers", numbers), ("metric", metric)])
+        return diff_picture(self) + table(
+            "difference" if self else "no difference", (), [*items, ("numbers", numbers), ("metric", metric)]
+        )
 
     def to_dict(self) -> Data:
         """Return the difference as plain data."""

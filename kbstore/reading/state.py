@@ -22,6 +22,7 @@ from kbstore.messages import (
     Truth,
 )
 from kbstore.model.html import table
+from kbstore.model.pictures import Bar, Lane, Look, timeline
 from kbstore.model.plain import Data, Result, plain, times
 from kbstore.model.results import QueryResult, Run
 from kbstore.model.symbols import SymbolTable
@@ -303,4 +304,26 @@ class State(Result):
             ("scheduled", rows(self.timed_knowledge)),
             ("running", runs),
         ]
-        return table(repr(self), ("", "since"), parts)
+        return timeline(self._lanes(), [(self.at, f"at {isoformat(self.at)}")]) + table(
+            repr(self), ("", "since"), parts
+        )
+
+    def _lanes(self) -> list[Lane]:
+        """What runs, is scheduled and holds, as lanes of a small timeline: what changed last comes first."""
+        lanes = [
+            Lane(
+                f"({' '.join((run.operator, *run.arguments))})",
+                [Bar(run.started, run.expected_end, Look.RUN, str(run))],
+            )
+            for run in self.running
+        ]
+        for item in self.timed_knowledge:
+            look = Look.SCHEDULED_FALSE if getattr(item, "is_negative", False) else Look.SCHEDULED
+            lanes.append(
+                Lane(str(item), [Bar(item.initial_time, None, look, f"{item} from {isoformat(item.initial_time)}")])
+            )
+        for fact in sorted(self.facts, key=lambda fact: -fact.initial_time):
+            look = Look.FALSE if fact.is_negative else Look.TRUE
+            tip = f"{fact} since {isoformat(fact.initial_time)}"
+            lanes.append(Lane(str(fact), [Bar(fact.initial_time, self.at, look, tip)]))
+        return lanes
