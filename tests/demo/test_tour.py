@@ -59,10 +59,10 @@ def test_the_file_is_there_to_explore(shown):
 
 
 def test_the_page_of_the_timeline_is_beside_the_file(shown, tmp_path):
-    """It is named on a line of its own; a page that is there already is left alone."""
+    """The demonstration ends with its path; a page that is there already is left alone."""
     text, directory = shown
     (page,) = directory.glob("*.html")
-    assert str(page) in text.splitlines()
+    assert text.splitlines()[-1] == str(page)
     assert page.read_text("utf-8").startswith("<!doctype html>")
     (tmp_path / "kenny.html").touch()
     assert tour.page_beside(tmp_path / "kenny.db") == tmp_path / "kenny-2.html"

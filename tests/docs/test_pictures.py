@@ -1,4 +1,4 @@
-"""The picture of the two axes of time shows what the demonstration's knowledge base answers (rules Q1, Q2)."""
+"""The pictures of the documentation: the two axes of time show what the demonstration answers (rules Q1, Q2)."""
 
 import re
 
@@ -29,3 +29,12 @@ def test_each_area_is_what_was_believed():
             for at in (time(left, 1), time(left + width / 2, 0), time(left + width, -1)):
                 for as_of in (time(bottom, 1), time(bottom + height / 2, 0), time(bottom + height, -1)):
                     assert kb.holds("(open lab_door)", at=at, as_of=as_of) is FILL[fill], (at, as_of)
+
+
+def test_the_picture_of_the_page_is_shown_and_small():
+    """README and the timeline's own page show it; a clone and a page on the web are not weighed down by it."""
+    assert "(docs/timeline.png)" in (ROOT / "README.md").read_text()
+    assert "(timeline.png)" in (ROOT / "docs" / "timeline.md").read_text()
+    picture = (ROOT / "docs" / "timeline.png").read_bytes()
+    assert picture.startswith(b"\x89PNG")
+    assert 20_000 < len(picture) < 200_000

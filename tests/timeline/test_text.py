@@ -5,9 +5,11 @@ import io
 import pytest
 from rich.console import Console
 
+import kbstore
 from kbstore.cli.demo.mission import moment, record
+from kbstore.clock import ManualClock
 from kbstore.report.timeline.data import timeline_data
-from kbstore.report.timeline.text import TextTimeline
+from kbstore.report.timeline.text import TextTimeline, axis
 
 
 @pytest.fixture(scope="module")
@@ -52,3 +54,51 @@ def test_the_signs_of_runs_goals_and_numbers(kenny):
     assert set("▁▂▃▄▅▆▇█") <= set(battery)
     assert "═" in next(line for line in lines if "(delivered blood lab)" in line)
     assert any(line.startswith("unchanged: dock_at (1), path (6)") for line in lines)
+
+
+def test_a_line_tells_the_times(kenny):
+    """Below the heading, each time is from the column on in which it is: the door opens at 09:00, in its column."""
+    lines = drawn(timeline_data(kenny), 120)
+    times = lines[1]
+    assert times.split() == ["08:58", "09:00", "09:02", "09:04", "09:06", "09:08", "09:10", "09:12", "09:14"]
+    door = next(line for line in lines if line.strip().startswith("lab_door"))
+    assert door.index("█") == times.index("09:00")
+
+
+@pytest.mark.parametrize(
+    ("length", "expected"),
+    [
+        (20, ["08:58:00", "08:58:05", "08:58:10", "08:58:15"]),
+        (3600, ["09:00", "09:10", "09:20", "09:30", "09:40", "09:50"]),
+        (86_400, ["09:00", "12:00", "15:00", "18:00", "21:00", "00:00", "03:00", "06:00"]),
+        (30 * 86_400, ["2026-05-07", "2026-05-14", "2026-05-21", "2026-05-28"]),
+    ],
+)
+def test_the_times_are_round(length, expected):
+    """Seconds, minutes, hours or dates, as dense as 60 columns can have."""
+    assert axis(moment("08:58:00"), length * 10**9, 60).split() == expected
+    assert len(axis(moment("08:58:00"), length * 10**9, 60)) <= 60
+
+
+@pytest.mark.parametrize("length", [0, 1, 10**18])
+def test_the_times_of_any_span_fit(length):
+    """From nothing to thirty years."""
+    assert len(axis(moment("08:58:00"), length, 60)) <= 60
+
+
+def test_long_labels_lose_their_middle(kenny):
+    """On 60 columns two actions that begin alike can be told apart."""
+    lines = drawn(timeline_data(kenny), 60)
+    labels = [line[:30].strip() for line in lines if line.strip().startswith("(pass")]
+    assert labels == ["(pass_door k…corridor lab)", "(pass_door k…lab corridor)"]
+
+
+def test_a_number_says_how_far_it_goes(kenny):
+    """From 3.5 to 63.5 percent (worked out in the mission's tests); one that is constant has one value."""
+    lines = drawn(timeline_data(kenny), 80)
+    assert any(line.startswith("  kenny 3.5..63.5 ") for line in lines)
+    with kbstore.open("sqlite://", "one", clock=(clock := ManualClock(5))) as kb:
+        kb.add("(= (f a) 1)")
+        clock.set(9)
+        kb.add("(= (f b) 2)")
+        assert any(line.startswith("  b 2 ") for line in drawn(timeline_data(kb), 80))

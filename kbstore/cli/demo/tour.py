@@ -150,7 +150,7 @@ def heading(text: str, console: Console) -> None:
 
 
 def closing_words(file: Path, page: Path, console: Console) -> None:
-    """Show where the file and its page are, a statement to try in SQL with its answer, and commands to try."""
+    """Show where the file is, a statement to try in SQL with its answer, commands to try, and where the page is."""
     command = Path(sys.executable).with_name("kbstore")
     if command.is_relative_to(Path.cwd()):
         command = command.relative_to(Path.cwd())
@@ -160,8 +160,6 @@ def closing_words(file: Path, page: Path, console: Console) -> None:
         headings = [column[0] for column in cursor.description]
         rows = [tuple(str(cell or "") for cell in row) for row in cursor]
     console.print(Text(f"{file}\n", TITLE), soft_wrap=True)
-    console.print("The morning as a picture, to be opened in a browser:\n")
-    console.print(Text(f"{page}\n", TITLE), soft_wrap=True)
     console.print("In SQL, with sqlite3 or any other client:\n")
     show(console, Padding(Text(SQL, DIM), (0, 2)))
     console.print()
@@ -175,6 +173,8 @@ def closing_words(file: Path, page: Path, console: Console) -> None:
         "--help",
     ):
         console.print(Text(f"  {store if arguments != '--help' else command} {arguments}"), soft_wrap=True)
+    console.print("\nThe morning as a picture, to be opened in a browser:\n")
+    console.print(Text(str(page), TITLE), soft_wrap=True)
 
 
 def new_file() -> Path:

@@ -11,6 +11,7 @@ from rich.text import Text
 from kbstore.clock import SECOND, isoformat
 from kbstore.names import key
 from kbstore.report.tables import DIM, FALSE, NUMBER, SCHEDULED, TITLE, plural
+from kbstore.report.time_format import DAY
 from kbstore.report.timeline.data import Row
 from kbstore.report.timeline.lanes import KINDS
 
@@ -18,6 +19,20 @@ Piece = tuple[int, int, Row]
 
 WIDEST = 120
 """Wider lanes are not easier to read; that many without a terminal, too."""
+
+_ISO = "2026-05-04T09:00:00"
+
+_STEPS = tuple(
+    number * unit
+    for unit, numbers in (
+        (SECOND, (1, 2, 5, 10, 15, 30)),
+        (60 * SECOND, (1, 2, 5, 10, 15, 30)),
+        (3600 * SECOND, (1, 2, 3, 6, 12)),
+        (DAY, (1, 2, 7, 14, 30, 90, 365, 3650)),
+    )
+    for number in numbers
+)
+"""Between two times of the axis."""
 
 _LEVELS = "▁▂▃▄▅▆▇█"
 _FOREVER = 1 << 62
@@ -45,7 +60,11 @@ class TextTimeline:
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         width = min(options.max_width, WIDEST)
-        labels = [self._label(lane) for lane in range(len(self._data["lanes"]))]
+        numbers = [self._data["groups"][group][0] == "number" for group, _, _ in self._data["lanes"]]
+        labels = [
+            f"{self._label(lane)} {self._range(lane)}" if is_number else self._label(lane)
+            for lane, is_number in enumerate(numbers)
+        ]
         margin = min(max([len(label) for label in labels] + [12]) + 4, width // 2)
         columns = max(width - margin - 1, 8)
         yield from self._head(margin, columns)
@@ -56,13 +75,13 @@ class TextTimeline:
         fixed = []
         for group, (kind, name) in groups:
             members = lanes[group]
-            if kind == "object" or (kind in ("fact", "number") and all(map(self._is_fixed, members))):
+            if kind == "object" or (kind in ("fact", "number", "other") and all(map(self._is_fixed, members))):
                 fixed += [f"{name} ({len(members)})"] if members else []
                 continue
             if members:
                 yield Text(name, TITLE)
             for lane in members:
-                line = Text(f"  {labels[lane]}"[: margin - 1].ljust(margin))
+                line = Text(f"  {_shortened(labels[lane], margin - 4)}".ljust(margin))
                 yield line.append_text(self._drawn(lane, kind, columns))
         if fixed:
             yield Text(f"unchanged: {', '.join(fixed)}", DIM)
@@ -82,12 +101,23 @@ class TextTimeline:
                 marks[self._column(t, columns)] = "╷"
         if 0 <= self._edge <= data["until"]:
             marks[self._column(self._edge, columns)] = "▼"
+        yield Text(" " * margin + axis(origin, data["until"], columns), DIM)
         label = plural(len(self._times), "transaction")
         yield Text(label[: margin - 1].ljust(margin) + "".join(marks), DIM)
 
     def _label(self, lane: int) -> str:
         group, label, _ = self._data["lanes"][lane]
         return str(label or self._data["groups"][group][1])
+
+    def _range(self, lane: int) -> str:
+        """From which value to which a number goes within the span."""
+        found = []
+        for start, end, row in self.pieces(lane):
+            if start <= self._data["until"] and end > 0:
+                first, last = max(start, 0), min(end, self._data["until"])
+                found += [_value(row, first), _value(row, last)]
+        low, high = f"{min(found, default=0):.4g}", f"{max(found, default=0):.4g}"
+        return low if low == high else f"{low}..{high}"
 
     def _column(self, t: float, columns: int) -> int:
         return max(0, min(columns - 1, int(t * columns // max(self._data["until"], 1))))
@@ -184,6 +214,37 @@ class TextTimeline:
             " " if value is None else _LEVELS[round((value - low) / room * steps) if room else 0] for value in values
         ]
         return Text("".join(signs), NUMBER)
+
+
+def axis(origin: int, length: int, columns: int) -> str:
+    """Return round times of the day, or dates where they are days apart, each from the column on in which it is.
+
+    >>> axis(1_777_885_080 * 10**9, 17 * 60 * 10**9, 40)
+    '    09:00       09:05       09:10'
+    """
+    step, shown = next(
+        (found for found in map(_step, _STEPS) if found[0] * columns >= (len(_ISO[found[1]]) + 2) * length),
+        _step(_STEPS[-1]),
+    )
+    line = ""
+    for t in range(-(-origin // step) * step, origin + length + 1, step):
+        place, text = (t - origin) * columns // max(length, 1), isoformat(t)[shown]
+        if place >= len(line) + bool(line) and place + len(text) <= columns:
+            line = line.ljust(place) + text
+    return line
+
+
+def _step(step: int) -> tuple[int, slice]:
+    """A step, and what is shown of the times at such steps."""
+    return step, slice(0, 10) if step >= DAY else slice(11, 16) if step >= 60 * SECOND else slice(11, 19)
+
+
+def _shortened(text: str, longest: int) -> str:
+    """A text without its middle where it is too long: the ends tell lanes apart."""
+    if len(text) <= longest:
+        return text
+    begin = (longest - 1) // 2
+    return f"{text[:begin]}…{text[len(text) - (longest - 1 - begin) :]}"
 
 
 def _by_lane(rows: Any) -> defaultdict[int, list[Row]]:
