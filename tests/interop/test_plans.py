@@ -220,3 +220,47 @@ def test_execution_stops_where_an_invariant_is_broken(rounded: Any):
     step, ended = next(carried_out)
     assert step.happening is END
     assert [broken.condition for broken in ended.broken] == ["(lit)"]
+
+
+TANK = """
+(define (domain tank) (:functions (level))
+  (:durative-action fill :parameters () :duration (<= ?duration 9) :condition (over all (<= (level) 6))
+    :effect (increase (level) (* #t 1)))
+  (:action vent :parameters () :effect (assign (level) 0))
+  (:action knock :parameters () :effect (increase (level) 0)))
+"""
+
+
+@pytest.fixture
+def tank(clock: ManualClock) -> Any:
+    with kbstore.open("sqlite://", clock=clock) as kb:
+        kb.load(TANK)
+        kb.add("(= (level) 0)")
+        yield kb
+
+
+def test_a_later_step_may_prevent_an_expected_break(tank: Any, clock: ManualClock):
+    """O6: the level would be above 6 after 6 s, and is vented before; a validator accepts the plan."""
+    done = execute(tank, read_plan("0: (fill) [8]\n5: (vent)", tank.domain), clock.set)
+    assert [str(step) for step, _ in done] == ["0: start (fill)", "5: apply (vent)", "8: end (fill)"]
+    (run,) = tank.runs()
+    assert run.broken == ()
+    assert run.forced == ("(<= (level) 6)",)
+    assert tank.value("(level)") == 3
+
+
+@pytest.mark.parametrize("plan", ["0: (fill) [8]", "0: (fill) [8]\n7: (vent)", "0: (fill) [10]\n5: (vent)"])
+def test_what_nothing_prevents_is_refused_at_the_start(tank: Any, clock: ManualClock, plan: str):
+    """O6, O7: nothing comes before the break; and a duration that the domain does not allow stays refused."""
+    with pytest.raises(NotApplicable, match=r"\(fill\) is not applicable"):
+        list(execute(tank, read_plan(plan, tank.domain), clock.set))
+    assert tank.runs() == []
+
+
+def test_a_break_that_was_not_prevented_stops_the_plan(tank: Any, clock: ManualClock):
+    """O6: the step before the break does not help; the plan is stopped where the break is on record."""
+    with pytest.raises(NotApplicable, match=r"the plan is stopped: \(fill\) .* needs \(<= \(level\) 6\)"):
+        list(execute(tank, read_plan("0: (fill) [8]\n5: (knock)\n7: (vent)", tank.domain), clock.set))
+    (run,) = tank.runs()
+    assert run.outcome == "running"
+    assert [broken.since for broken in run.broken] == [run.started + seconds(6) + 1]
