@@ -41,7 +41,10 @@ def complaint(kb: KnowledgeBase, clock: ManualClock, steps: list[Step]) -> Compl
                 return Complaint([(named(step), failing.condition) for failing in outcome.failing], taken)
     except NotApplicable as refusal:
         if "the plan is stopped" not in str(refusal):
-            return Complaint([(named(steps[taken]), text) for text in CONDITION.findall(str(refusal))], taken + 1)
+            reasons = [(named(steps[taken]), text) for text in CONDITION.findall(str(refusal))]
+            # what was started although it was expected to break, too: the validator names one of them
+            reasons += [(named(run), text) for run in kb.state().running for text in run.forced]
+            return Complaint(reasons, taken + 1)
         reasons = [(named(run), broken.condition) for run in kb.state().running for broken in kb.broken(run)]
         return Complaint(reasons, taken)
     return None

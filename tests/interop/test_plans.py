@@ -257,6 +257,21 @@ def test_what_nothing_prevents_is_refused_at_the_start(tank: Any, clock: ManualC
     assert tank.runs() == []
 
 
+def test_what_breaks_at_the_end_of_a_run_does_not_stop_the_plan(clock: ManualClock):
+    """O6: two actions end at one time, and the first end breaks what the second needed until then."""
+    domain = """
+    (define (domain d) (:predicates (sealed) (done))
+      (:durative-action hold :parameters () :duration (= ?duration 4)
+        :effect (and (at start (sealed)) (at end (not (sealed)))))
+      (:durative-action cure :parameters () :duration (= ?duration 3) :condition (over all (sealed))
+        :effect (at end (done))))"""
+    with kbstore.open("sqlite://", clock=clock) as kb:
+        kb.load(domain)
+        list(execute(kb, read_plan("0: (hold) [4]\n1: (cure) [3]", kb.domain), clock.set))
+        assert kb.holds("(done)")
+        assert [run.broken for run in kb.runs()] == [(), ()]
+
+
 def test_a_break_that_was_not_prevented_stops_the_plan(tank: Any, clock: ManualClock):
     """O6: the step before the break does not help; the plan is stopped where the break is on record."""
     with pytest.raises(NotApplicable, match=r"the plan is stopped: \(fill\) .* needs \(<= \(level\) 6\)"):
