@@ -925,6 +925,13 @@ class KnowledgeBase:
         self._refuse_writing()
         return archive.archive(self._reader, before, path, progress=progress)
 
+    def is_quick(self, question: Question) -> bool:
+        """Whether a question about now needs one short read of an SQLite file at most, or nothing at all.
+
+        So is a fact or a number that has been asked for before. For callers that must not be kept waiting.
+        """
+        return self._answers.is_quick(question)
+
     def _explain_state(self, state: State, question: Question) -> Explanation:
         return self._explainer.explain(state, question)
 

@@ -68,6 +68,12 @@ class Answers:
         """
         return self._ask(self._expressions, question, at, as_of)  # type: ignore[return-value]
 
+    def is_quick(self, question: Question) -> bool:
+        """Whether one timeline of a store that this thread has open decides a question, as far as is known already."""
+        key = self._domains.latest.domain, question if type(question) is str else question_key(question)
+        found = self._conditions.prepared.get(key) or self._expressions.prepared.get(key)
+        return self._remembers and found is not None and found.key is not None
+
     def _ask(self, form: _Form, question: Question, at: TimeLike | None, as_of: AsOf | None) -> Truth | float:
         name = question if type(question) is str else question_key(question)
         connection = self._database.checkout()

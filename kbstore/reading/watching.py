@@ -26,12 +26,12 @@ Found = TypeVar("Found")
 class Watch(Iterator[Found], Generic[Found]):
     """An iterator that waits for what happens; `close`, which any thread may call, ends it quietly.
 
-    `timeout` is how many seconds it waits for the next thing, `deadline` a time of `time.monotonic` at which it ends in
-    any case; what is there already comes first.
+    `poll` is how many seconds it waits between two looks, `timeout` how many for the next thing, `deadline` a time of
+    `time.monotonic` at which it ends in any case; what is there already comes first.
     """
 
     def __init__(self, *, poll: float, timeout: float | None, deadline: float | None = None) -> None:
-        self._poll = poll
+        self.poll = poll
         self._timeout = timeout
         self._deadline = deadline
         self._found: deque[Found] = deque()
@@ -50,23 +50,37 @@ class Watch(Iterator[Found], Generic[Found]):
 
     def __next__(self) -> Found:
         begin = _time.monotonic()
-        expired = False
-        while not self._closed.is_set():
-            if self._found:
-                return self._found.popleft()
-            if expired:
-                break
+        while not self.look(begin):
+            self._closed.wait(self.poll)
+        return self.take()
+
+    @property
+    def is_ready(self) -> bool:
+        """Whether `take` answers without a look at the store: with the next thing, or that this has ended."""
+        return bool(self._found) or self._closed.is_set()
+
+    def look(self, begin: float) -> bool:
+        """Look for the next thing, which has been waited for since `begin`; whether it is there, or this has ended."""
+        while not self.is_ready:
             try:
                 is_all = self._look()
             except StoreUnavailable:
                 if self._closed.is_set():
                     break
                 raise
-            expired = is_all and self._has_expired(begin)
-            if is_all and not expired and not self._found:
-                self._closed.wait(self._poll)
-        self._closed.set()
-        raise StopIteration
+            if is_all and not self._found:
+                if not self._has_expired(begin):
+                    return False
+                self._closed.set()
+        return True
+
+    def take(self) -> Found:
+        """Return the next thing. Raises `StopIteration` where there is none, or this was closed."""
+        if not self._found:
+            self._closed.set()
+        if self._closed.is_set():
+            raise StopIteration
+        return self._found.popleft()
 
     def _has_expired(self, begin: float) -> bool:
         now = _time.monotonic()

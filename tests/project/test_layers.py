@@ -24,7 +24,7 @@ LAYERS = (
     ("knowledge_base",),
     ("api",),
     ("__init__",),
-    ("ros",),
+    ("aio", "ros"),
     ("serve",),
     ("cli",),
 )

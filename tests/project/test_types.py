@@ -13,7 +13,7 @@ from datetime import UTC, datetime, timedelta
 from typing import Any
 
 import kbstore
-from kbstore import ExprComposite, Fact, KnowledgeItem, seconds
+from kbstore import ExprComposite, Fact, KnowledgeItem, aio, seconds
 
 
 class Stamp:
@@ -64,6 +64,25 @@ def wrong(kb: kbstore.KnowledgeBase, tx: kbstore.OpenTransaction, state: kbstore
     kbstore.item(42)  # wrong
     kbstore.ManualClock(2.5)  # wrong
     state.domain.predicates  # wrong
+
+
+async def awaited(kb: aio.KnowledgeBase) -> None:
+    async with aio.open("kenny.db", "kenny", read_only=True) as other:
+        facts: list[Fact] = (await other.state(at="-5m")).facts
+    text: str = await kb.to_pddl()
+    strict: kbstore.StrictPddl = await kb.to_pddl(strict_names=True)
+    told: kbstore.Transaction = await kb.add("(p)", initial_time="+30s")
+    async for change in kb.watch("(p)", after=told.number):
+        number: int = change.number
+    async with kb.transaction(client="me") as tx:
+        await tx.add("(p)")
+        holds: bool = await tx.holds("(p)")
+    domain: kbstore.Domain = await kb.domain
+    await kb.add(42)  # wrong
+    await kb.holds("(p)", 3.5)  # wrong
+    await tx.remove("(p)", initial_time=2.5)  # wrong
+    kb.add("(p)").number  # wrong
+    aio.open("kenny.db", nme="kenny")  # wrong
 """
 
 

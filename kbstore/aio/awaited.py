@@ -1,0 +1,68 @@
+"""Methods of kbstore's classes, as coroutines with the same parameters, docstrings and types.
+
+No method is written a second time: ``history = reading(kbstore.KnowledgeBase.history)`` is all of it, for people, for
+type checkers and at run time.
+"""
+
+from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Iterator
+from functools import wraps
+from itertools import islice
+from typing import Any, Concatenate, ParamSpec, Protocol, TypeVar
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+CHUNK = 256
+"""How many items of an iterator a thread takes at once."""
+
+Awaited = Callable[Concatenate[Any, P], Coroutine[Any, Any, R]]
+"""A method that is a coroutine."""
+
+
+class Reads(Protocol):
+    """What can call a function with the object whose methods are awaited, in a thread that reads."""
+
+    def read(self, function: Callable[[Any], R], /) -> Awaitable[R]:
+        """Call it."""
+
+
+class Writes(Protocol):
+    """The same in the thread that writes."""
+
+    def write(self, function: Callable[[Any], R], /) -> Awaitable[R]:
+        """Call it."""
+
+
+def reading(method: Callable[Concatenate[Any, P], R]) -> Awaited[P, R]:
+    """Return a method that reads, as a coroutine."""
+
+    @wraps(method)
+    async def awaited(self: Reads, /, *args: P.args, **kwargs: P.kwargs) -> R:
+        return await self.read(lambda subject: method(subject, *args, **kwargs))
+
+    return awaited
+
+
+def writing(method: Callable[Concatenate[Any, P], R]) -> Awaited[P, R]:
+    """Return a method that writes, as a coroutine."""
+
+    @wraps(method)
+    async def awaited(self: Writes, /, *args: P.args, **kwargs: P.kwargs) -> R:
+        return await self.write(lambda subject: method(subject, *args, **kwargs))
+
+    return awaited
+
+
+def iterating(
+    method: Callable[Concatenate[Any, P], Iterator[R]],
+) -> Callable[Concatenate[Any, P], AsyncIterator[R]]:
+    """Return a method that reads bit by bit, as an asynchronous iterator."""
+
+    @wraps(method)
+    async def awaited(self: Reads, /, *args: P.args, **kwargs: P.kwargs) -> AsyncIterator[R]:
+        found = await self.read(lambda subject: method(subject, *args, **kwargs))
+        while chunk := await self.read(lambda _: list(islice(found, CHUNK))):
+            for each in chunk:
+                yield each
+
+    return awaited
