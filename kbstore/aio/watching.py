@@ -52,6 +52,8 @@ class Watch(AsyncIterator[Found], Generic[Found]):
         watch = await self._begun()
         begin = monotonic()
         while not watch.is_ready:
+            if self._workers.is_closed:
+                raise StopAsyncIteration
             if not await self._look(watch, begin):
                 await asyncio.sleep(watch.poll)
         try:

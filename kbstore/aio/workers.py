@@ -20,7 +20,7 @@ class Workers:
     def __init__(self) -> None:
         self._reading = ThreadPoolExecutor(READERS, "kbstore-read")
         self._writing = ThreadPoolExecutor(1, "kbstore-write")
-        self._is_closed = False
+        self.is_closed = False
 
     def submit(self, call: Callable[[], R]) -> Future[R]:
         """Begin a call that reads."""
@@ -40,9 +40,9 @@ class Workers:
 
     async def close(self, closing: Callable[[], None]) -> None:
         """Call what closes the knowledge base, and end the threads when they have done what they were given."""
-        if self._is_closed:
+        if self.is_closed:
             return
-        self._is_closed = True
+        self.is_closed = True
 
         def end() -> None:
             closing()
@@ -55,7 +55,7 @@ class Workers:
             self._writing.shutdown()
 
     def _submit(self, threads: ThreadPoolExecutor, call: Callable[[], R]) -> Future[R]:
-        if self._is_closed:
+        if self.is_closed:
             raise StoreUnavailable("this knowledge base is closed; open it again with kbstore.aio.open()")
         return threads.submit(call)
 

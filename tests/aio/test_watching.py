@@ -106,18 +106,20 @@ def test_closing_ends_a_watch_quietly(run, closes):
     """Q6, Q9: whoever iterates sees the end, not an error; also where it had not begun."""
 
     async def test(kb):
-        ready = asyncio.Event()
-        watches = [kb.watch(), kb.watch_condition("(p)")]
+        watches = [await kb.watch(), await kb.watch_condition("(p)")]
 
-        async def follow(watch):
-            async with watch:
-                ready.set()
-                return [found async for found in watch]
+        async def follow(watch, found):
+            async for each in watch:
+                found.append(each)
+            return found
 
-        following = [asyncio.create_task(follow(watch)) for watch in watches]
+        changes, truths = [], []
+        following = [
+            asyncio.create_task(follow(watch, found)) for watch, found in zip(watches, (changes, truths), strict=True)
+        ]
         waiting = asyncio.create_task(kb.wait_for("(p)"))
-        await ready.wait()
-        await asyncio.sleep(0.1)
+        while not truths:
+            await asyncio.sleep(0.05)
         if closes == "watch":
             waiting.cancel()
             with suppress(asyncio.CancelledError):
@@ -127,7 +129,7 @@ def test_closing_ends_a_watch_quietly(run, closes):
         else:
             await kb.close()
             assert await waiting is None
-        changes, truths = await asyncio.gather(*following)
+        await asyncio.gather(*following)
         assert changes == []
         assert truths == [(START, Truth.FALSE, None)]
         closed = kb.watch()
