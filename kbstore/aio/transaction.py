@@ -102,6 +102,8 @@ class OpenTransaction:
     start = writing(SyncTransaction.start)
     end = writing(SyncTransaction.end)
     abort = writing(SyncTransaction.abort)
+    report_start = writing(SyncTransaction.report_start)
+    report_end = writing(SyncTransaction.report_end)
     state = writing(SyncTransaction.state)
     holds = writing(SyncTransaction.holds)
     value = writing(SyncTransaction.value)
