@@ -168,6 +168,8 @@ class KnowledgeBase:
     runs = reading(SyncKnowledgeBase.runs)
     broken = reading(SyncKnowledgeBase.broken)
     timeline = reading(SyncKnowledgeBase.timeline)
+    transactions = reading(SyncKnowledgeBase.transactions)
+    frame = reading(SyncKnowledgeBase.frame)
     changes = iterating(SyncKnowledgeBase.changes)
     watch = _watching(SyncKnowledgeBase.watch)
     watch_condition = _watching(SyncKnowledgeBase.watch_condition)
