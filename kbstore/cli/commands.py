@@ -110,6 +110,12 @@ COMMANDS = [
         "Draw the history: as a page for a browser, or as lanes of text within the width of the terminal.",
     ),
     Command(
+        "serve",
+        "serve.serve",
+        SERVE,
+        "Serve the store on the web, until Ctrl-C: a live timeline for people, and questions in JSON for programs.",
+    ),
+    Command(
         "mcp",
         "mcp.mcp",
         SERVE,

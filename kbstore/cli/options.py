@@ -101,7 +101,7 @@ def asked(url: str | None, kb: str | None, now: str | None) -> Iterator[Knowledg
     """The knowledge base, opened read-only; refused if the store does not have it."""
     place = store(url)
     name = named(kb, kbstore.knowledge_bases(place), place)
-    with kbstore.open(place, name, clock=_clock(place, name, now), read_only=True) as found:
+    with kbstore.open(place, name, clock=clock_for(place, name, now), read_only=True) as found:
         yield found
 
 
@@ -117,7 +117,7 @@ def told(url: str | None, kb: str | None, now: str | None, *, creating: bool = T
         # there is no store yet, or opening it for writing reports what is wrong
         names = []
     name = kb if creating and kb else named(kb, names, place) if names or not creating else "default"
-    with kbstore.open(place, name, clock=_clock(place, name, now)) as found:
+    with kbstore.open(place, name, clock=clock_for(place, name, now)) as found:
         yield found
 
 
@@ -143,7 +143,8 @@ def named(name: str | None, names: list[str], place: str) -> str:
     raise StoreUnavailable(f"there is no knowledge base {name!r} in {place}: {there}")
 
 
-def _clock(place: str, name: str, now: str | None) -> Clock:
+def clock_for(place: str, name: str, now: str | None) -> Clock:
+    """The clock that --now asks for."""
     if now is None:
         return SystemClock()
     if now != "last":

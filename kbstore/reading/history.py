@@ -2,6 +2,7 @@
 
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import NamedTuple
 
 from kbstore.clock import OPEN, TimeLike
 from kbstore.errors import UnknownSymbol
@@ -21,6 +22,14 @@ from kbstore.storage.repository import Repository
 
 BATCH = 256
 """The number of transactions that `changes` reads at once."""
+
+
+class Standing(NamedTuple):
+    """What was on record at a time: the last transaction until then, the time, and the assertions that matter."""
+
+    number: int
+    time: int
+    assertions: list[Assertion]
 
 
 class History:
@@ -89,6 +98,32 @@ class History:
                 return symbol_table
         assert refusal is not None
         raise refusal
+
+    def standing(self, since: int | None, most: int | None = None) -> "Standing":
+        """What was on record at a time and matters from then on, so that the changes after it tell the rest.
+
+        Args:
+            since: the time; None: the begin of the history that is kept, as for a time before it.
+            most: without `since`, the time is that of the latest transaction that leaves so many after it.
+        """
+        with self._reader.repository() as repository:
+            head = repository.head()
+            first = max(since or 0, head.history_from)
+            if since is None and most is not None and head.number > most:
+                first = max(first, *(row[1] for row in repository.transactions([head.number - most])))
+            if since is None and not first:
+                return Standing(0, 0, [])
+            following = repository.first_transaction_from(first + 1)
+            last = head.number if following is None else following - 1
+            rows = [
+                row
+                for role in (Role.STATE, Role.GOAL)
+                for kind in KnowledgeType
+                for row in repository.history(kind, repository.of_kind(role, kind), first, OPEN)
+                if row.recorded <= last and _matters(row, first, last)
+            ]
+            symbol_table = self._reader.symbol_table(repository, head, LogPosition(head.time))
+            return Standing(last, first, self.as_assertions(repository, rows, symbol_table))
 
     # -- rows to assertions -----------------------------------------------------------------------------------
 
@@ -289,6 +324,12 @@ def as_transaction(row: Sequence[object]) -> Transaction:
 
 def _overlaps(row: RecordedAssertion, first: int) -> bool:
     return row.end_time > first or (row.initial_time >= first and row.end_time <= row.initial_time)
+
+
+def _matters(row: RecordedAssertion, first: int, last: int) -> bool:
+    """Whether a row holds after a time, or was changed after the last transaction until then."""
+    gone = row.cancelled or row.superseded or 0
+    return max(gone, row.ended or 0) > last or (not gone and row.end_time > first)
 
 
 def _order(row: RecordedAssertion) -> tuple[int, int, int]:

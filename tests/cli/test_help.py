@@ -40,6 +40,7 @@ EXAMPLES = {
     "ros rosplan": None,
     "bag import": None,
     "bag export": ["kenny.mcap"],
+    "serve": None,
     "kbs": [],
     "export": ["--at", ASKED, "--format", "json"],
     "import": None,
@@ -57,7 +58,7 @@ EXAMPLES = {
     "db adopt": None,
 }
 
-SERVING = {"mcp", "ros rosplan"}
+SERVING = {"mcp", "ros rosplan", "serve"}
 """Commands that serve until they are ended, and print no answer."""
 
 

@@ -41,6 +41,7 @@ def timeline_data(
     until: int | None = None,
     as_of: Transaction | int | None = None,
     expectations: int = EXPECTATIONS,
+    most: int | None = None,
 ) -> dict[str, Any]:
     """Collect a knowledge base's history for a timeline.
 
@@ -48,39 +49,55 @@ def timeline_data(
         kb: the knowledge base.
         patterns: only the lanes that match one of these: ``(robot_at kenny ?)``, or a word for everything with that
             symbol or object, and the objects themselves; all lanes if there are none.
-        since: the begin of the span, in nanoseconds; None: that of the history.
+        since: the begin of the span, in nanoseconds; None, or a time before it: that of the history that is kept.
         until: its end; None: the last time of which something is known, or now if that is not far behind it.
         as_of: what was known then is shown first: a transaction, or a time in nanoseconds; None: what is known now.
         expectations: for how many transactions to compute what was expected of the actions that ran.
-
-    Raises:
-        HistoryUnavailable: the beginning of the history has been archived.
+        most: how many transactions to show at most, the latest ones, where no span is asked for; None: all.
     """
-    return _Collector(kb, patterns, since, until).data(as_of, expectations)
+    return _Collector(kb, patterns, since, until, most).data(as_of, expectations)
 
 
 class _Collector:
     """Collects the data of one timeline."""
 
-    def __init__(self, kb: "KnowledgeBase", patterns: Sequence[str], since: int | None, until: int | None) -> None:
+    def __init__(
+        self,
+        kb: "KnowledgeBase",
+        patterns: Sequence[str],
+        since: int | None,
+        until: int | None,
+        most: int | None,
+    ) -> None:
         self._kb = kb
         self._lanes = Lanes(patterns)
         self._now = kb.now()
-        self._changes = list(kb.changes())
+        standing = kb._history.standing(since, most)
+        # what was over for good by then is not shown
+        self._base = standing.number
+        self._changes = list(kb.changes(self._base))
+        self._asserted = [(found, found.recorded.number) for found in standing.assertions]
+        self._asserted += [(found, change.number) for change in self._changes for found in change.asserted]
         self._runs = kb.runs()
-        self._transactions = [change.transaction for change in self._changes]
-        self._latest = self._transactions[-1].number if self._transactions else 0
-        self._first = since if since is not None else min([self._now, *map(_begin, self._changes)])
+        self._transactions = self._known()
+        self._latest = max((tx.number for tx in self._transactions), default=0)
+        self._first = standing.time or min([self._now, *map(_begin, self._changes)])
         self._last = self._until() if until is None else until
         self._scheduled_by: dict[int, dict[tuple[str, int], float]] = {}
-        # what was over for good by then is not shown
-        self._base = max((tx.number for tx in self._transactions if since is not None and tx.time <= since), default=0)
+
+    def _known(self) -> list[Transaction]:
+        """The transactions of the span, and those before it that what is shown refers to."""
+        found = {change.number: change.transaction for change in self._changes}
+        for assertion, _ in self._asserted:
+            for transaction in (assertion.recorded, assertion.ended, assertion.cancelled, assertion.superseded):
+                if transaction is not None:
+                    found.setdefault(transaction.number, transaction)
+        return [found[number] for number in sorted(found)]
 
     def data(self, as_of: Transaction | int | None, expectations: int) -> dict[str, Any]:
         """Everything, with the lanes in the order in which they were met."""
         runs = [row for run in self._runs if (row := self._run(run)) is not None]
-        asserted = [(found, change.number) for change in self._changes for found in change.asserted]
-        rows = [row for found, number in (*asserted, *self._derived(asserted)) if (row := self._row(found, number))]
+        rows = [row for found, number in (*self._asserted, *self._derived()) if (row := self._row(found, number))]
         reached = list(self._reached())
         asked = self._latest_asked(expectations)
         expected = [row for number, state in asked for row in self._expected(number, state)]
@@ -109,7 +126,7 @@ class _Collector:
             return None if as_of is None else as_of.number
         if as_of >= self._now:
             return None
-        return max((tx.number for tx in self._transactions if tx.time <= as_of), default=0)
+        return max((tx.number for tx in self._transactions if tx.time <= as_of), default=self._base)
 
     def _until(self) -> int:
         """The last time of which something is known; or now, unless that lies far behind what happened."""
@@ -118,22 +135,22 @@ class _Collector:
 
     def _times(self) -> Iterator[int]:
         """Yield the times at which something happened, is scheduled, or is expected to end."""
-        for change in self._changes:
-            yield change.transaction.time
-            yield from (found.initial_time for found in change.asserted)
+        yield from (change.transaction.time for change in self._changes)
+        yield from (found.initial_time for found, _ in self._asserted)
         yield from (run.expected_end for run in self._runs)
 
     # -- what is recorded -------------------------------------------------------------------------------------
 
-    def _derived(self, asserted: Sequence[tuple[Assertion, int]]) -> Iterator[tuple[Assertion, int]]:
+    def _derived(self) -> Iterator[tuple[Assertion, int]]:
         """The assertions that follow what runs by the clock (rule O5), which no transaction's changes list."""
         if not self._runs:
             return
-        told = [found for found, _ in asserted if isinstance(found.item, Function) and not found.is_goal]
+        told = [found for found, _ in self._asserted if isinstance(found.item, Function) and not found.is_goal]
         known = set(map(_identity, told))
         patterns = {f"({' '.join((key(f.attribute_name), *'?' * len(f.arguments)))})" for f in map(_function, told)}
         for pattern in sorted(patterns):
-            yield from ((f, f.recorded.number) for f in self._kb.history(pattern) if _identity(f) not in known)
+            found = self._kb.history(pattern, self._first if self._base else None)
+            yield from ((f, f.recorded.number) for f in found if _identity(f) not in known)
 
     def _row(self, found: Assertion, number: int) -> Row | None:
         gone, how = (found.superseded, SUPERSEDED) if found.superseded is not None else (found.cancelled, CANCELLED)
@@ -162,7 +179,10 @@ class _Collector:
             return
         if any(run.started <= t and (run.ended is None or run.ended >= found.recorded.time) for run in self._runs):
             if number not in self._scheduled_by:
-                state = self._kb.state(found.recorded.time, as_of=found.recorded)
+                # what was scheduled before the span and still was at its begin, as it was known then
+                is_within = found.recorded.time >= self._first
+                at, belief = (found.recorded.time, found.recorded) if is_within else (self._first, self._first)
+                state = self._kb.state(at, as_of=belief)
                 items = [item for item in state.timed_knowledge if isinstance(item, Function)]
                 self._scheduled_by[number] = {(str(item.atom), item.initial_time): item.rate for item in items}
             rate = self._scheduled_by[number].get((str(found.item.atom), t))
@@ -185,7 +205,7 @@ class _Collector:
 
     def _reached(self) -> Iterator[Row]:
         """Yield the intervals in which each goal was true, as is known now."""
-        goals = {str(found.item): found for change in self._changes for found in change.asserted if found.is_goal}
+        goals = {str(found.item): found for found, _ in self._asserted if found.is_goal}
         for text, found in goals.items():
             lane = self._lanes.of_assertion(found)
             if lane is None:
@@ -207,7 +227,7 @@ class _Collector:
         asked = [(self._latest + 1, self._kb.state())]
         for transaction in self._transactions[::-1][:count]:
             number, t = transaction.number, transaction.time
-            if number >= self._base and any(
+            if t >= self._first and any(
                 run.started_by <= number and (run.ended_by is None or run.ended_by > number) for run in self._runs
             ):
                 asked.append((number, self._kb.state(t, as_of=transaction)))

@@ -9,43 +9,46 @@ const LABELS = 280, TICKS = 46, HEIGHT = 20, NUMBER = 40;
 const INITIAL = 1, END = 2, FROM = 3, GONE = 4, ENDED = 5, HOW = 6, VALUE = 7, RATE = 8;
 const CANCELLED = 1;
 const ORDER = ["run", "goal", "fact", "number", "object", "other"];
-const data = JSON.parse(byId("data").textContent), NOW = data.latest + 1;
+let data, NOW, origin, transactions, groups, lanes, cuts, objects;      // what there is to show
 let view, cursor, belief, utc = true, visible = [], asked = [], scroll = 0, chosen = null, wanted = [];
-const closed = new Set();
+const closed = new Set(), folded = new Map();      // which groups are folded; and which of the earlier data's were
 
 // -- what holds -----------------------------------------------------------------------------------------------
 
-const transactions = new Map(data.transactions.map((tx) => [tx[0], tx]));
-const groups = data.groups.map(([kind, name], index) => ({ kind, name, index, lanes: [] }));
-const lanes = data.lanes.map(([group, label, objects]) => ({ group: groups[group], label, objects, rows: [], expected: [], runs: [], reached: [], scheduled: {} }));
-const cuts = new Map();      // for each belief, the first time of which what is expected differs from what is recorded
-
-for (const lane of lanes) {
-  lane.group.lanes.push(lane);
-  const isAtom = lane.group.kind === "fact" || lane.group.kind === "number";
-  lane.text = isAtom ? `(${[lane.group.name, lane.label].filter(Boolean).join(" ")})` : lane.label;
-  lane.search = `${lane.group.name} ${lane.text}`.toLowerCase();
+// Take data, the first or, of a page that is live, later ones.
+function absorb(found) {
+  data = found; NOW = data.latest + 1; origin = BigInt(data.origin); chosen = null; painted = "";
+  for (const group of groups ?? []) folded.set(`${group.kind} ${group.name}`, closed.has(group));
+  closed.clear();
+  transactions = new Map(data.transactions.map((tx) => [tx[0], tx]));
+  groups = data.groups.map(([kind, name], index) => ({ kind, name, index, lanes: [] }));
+  lanes = data.lanes.map(([group, label, objects]) => ({ group: groups[group], label, objects, rows: [], expected: [], runs: [], reached: [], scheduled: {} }));
+  cuts = new Map();      // for each belief, the first time of which what is expected differs from what is recorded
+  for (const lane of lanes) {
+    lane.group.lanes.push(lane);
+    lane.text = lane.group.kind === "fact" || lane.group.kind === "number" ? `(${[lane.group.name, lane.label].filter(Boolean).join(" ")})` : lane.label;
+    lane.search = `${lane.group.name} ${lane.text}`.toLowerCase();
+  }
+  for (const row of data.rows) lanes[row[0]].rows.push(row);
+  for (const row of data.expected) { lanes[row[0]].expected.push(row); cuts.set(row[FROM], Math.min(row[INITIAL], cuts.get(row[FROM]) ?? Infinity)); }
+  for (const [lane, started, expected, ended, outcome, from, gone, broken] of data.runs) lanes[lane].runs.push({ started, expected, ended, outcome, from, gone, broken });
+  for (const [lane, spans] of data.reached) lanes[lane].reached = spans;
+  objects = new Map(lanes.filter((lane) => lane.group.kind === "object").map((lane) => [lane.label.toLowerCase(), lane]));
+  for (const lane of lanes) {
+    lane.about = lane.group.kind === "object" ? [] : lane.objects.map((name) => objects.get(name)).filter(Boolean);
+    lane.rows.sort((a, b) => a[INITIAL] - b[INITIAL] || a[FROM] - b[FROM]);
+  }
+  for (const group of groups) {
+    // nothing has happened to it since the beginning: a map, say
+    const isFixed = ({ rows, expected }) => rows.length === 1 && rows[0][INITIAL] <= (data.transactions[0]?.[1] ?? 0) && rows[0][END] === null && !rows[0][RATE] && !expected.length;
+    group.isFixed = group.kind === "object" || ((group.kind === "fact" || group.kind === "number") && group.lanes.every(isFixed));
+    group.isSingle = group.lanes.length === 1 && !group.isFixed && (group.kind === "fact" || group.kind === "number");
+    if (folded.get(`${group.kind} ${group.name}`) ?? (group.isFixed || (lanes.length > 80 && group.lanes.length > 12))) closed.add(group);
+  }
+  groups.sort((a, b) => a.isFixed - b.isFixed || ORDER.indexOf(a.kind) - ORDER.indexOf(b.kind) || a.isSingle - b.isSingle || a.index - b.index);
+  byId("name").textContent = data.name; document.title = `${data.name} - timeline`;
+  byId("asof").min = data.base; byId("asof").max = NOW;
 }
-for (const row of data.rows) lanes[row[0]].rows.push(row);
-for (const row of data.expected) {
-  lanes[row[0]].expected.push(row);
-  cuts.set(row[FROM], Math.min(row[INITIAL], cuts.get(row[FROM]) ?? Infinity));
-}
-for (const [lane, started, expected, ended, outcome, from, gone, broken] of data.runs) lanes[lane].runs.push({ started, expected, ended, outcome, from, gone, broken });
-for (const [lane, spans] of data.reached) lanes[lane].reached = spans;
-const objects = new Map(lanes.filter((lane) => lane.group.kind === "object").map((lane) => [lane.label.toLowerCase(), lane]));
-for (const lane of lanes) {
-  lane.about = lane.group.kind === "object" ? [] : lane.objects.map((name) => objects.get(name)).filter(Boolean);
-  lane.rows.sort((a, b) => a[INITIAL] - b[INITIAL] || a[FROM] - b[FROM]);
-}
-for (const group of groups) {
-  // nothing has happened to it since the beginning: a map, say
-  const isFixed = ({ rows, expected }) => rows.length === 1 && rows[0][INITIAL] <= (data.transactions[0]?.[1] ?? 0) && rows[0][END] === null && !rows[0][RATE] && !expected.length;
-  group.isFixed = group.kind === "object" || ((group.kind === "fact" || group.kind === "number") && group.lanes.every(isFixed));
-  group.isSingle = group.lanes.length === 1 && !group.isFixed && (group.kind === "fact" || group.kind === "number");
-  if (group.isFixed || (lanes.length > 80 && group.lanes.length > 12)) closed.add(group);
-}
-groups.sort((a, b) => a.isFixed - b.isFixed || ORDER.indexOf(a.kind) - ORDER.indexOf(b.kind) || a.isSingle - b.isSingle || a.index - b.index);
 
 function number(row, t) { return row[RATE] ? row[VALUE] + row[RATE] * ((t - row[INITIAL]) / 1e9) : row[VALUE]; }
 function timeOf(n) { return n > data.latest ? data.now : transactions.get(n)?.[1] ?? -Infinity; }
@@ -102,7 +105,6 @@ window.kbstore = {
 
 // -- time -----------------------------------------------------------------------------------------------------
 
-const origin = BigInt(data.origin);
 function clock(t) {
   const ns = origin + BigInt(Math.round(t)), date = new Date(Number(ns / 1000000n)), two = (part) => String(part).padStart(2, "0");
   const shown = utc ? date : new Date(date - date.getTimezoneOffset() * 60000);
@@ -493,7 +495,6 @@ function obey() {
   if (to > from) view = [from, to];
 }
 
-byId("name").textContent = data.name; document.title = `${data.name} - timeline`;
-byId("asof").min = data.base; byId("asof").max = NOW;
+absorb(JSON.parse(byId("data").textContent));
 takeColours(); fit(); cursor = Math.max(0, Math.min(data.now, data.until)); setBelief(data.as_of ?? NOW); obey();
 draw();

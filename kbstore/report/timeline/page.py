@@ -9,9 +9,12 @@ _ESCAPED = {ord(character): f"\\u{ord(character):04x}" for character in "<>&"}
 
 
 def page(data: dict[str, Any]) -> str:
-    """Return the page that shows the data of `kbstore.report.timeline.data.timeline_data`."""
+    """Return the page that shows the data of `kbstore.report.timeline.data.timeline_data`.
+
+    With a `stream` in the data, an address, it is live: it listens to events of the types data, patch and now.
+    """
     # the data come last, so that nothing in a name is substituted again
-    return _template().replace("/*DATA*/", as_json(data), 1)
+    return _template("stream" in data).replace("/*DATA*/", as_json(data), 1)
 
 
 def as_json(data: dict[str, Any]) -> str:
@@ -24,7 +27,14 @@ def as_json(data: dict[str, Any]) -> str:
 
 
 @cache
-def _template() -> str:
-    """The page without its data."""
-    html, css, js = (files(__package__).joinpath(f"page.{kind}").read_text("utf-8") for kind in ("html", "css", "js"))
-    return html.replace("/*CSS*/", css.rstrip(), 1).replace("/*JS*/", js.rstrip(), 1)
+def _template(is_live: bool) -> str:
+    """The page without its data; of one that is live, with what follows them."""
+    html, css, js = (_part(f"page.{kind}") for kind in ("html", "css", "js"))
+    if is_live:
+        html = html.replace("img-src data:", "img-src data:; connect-src 'self'", 1)
+        js = f"{js}\n{_part('live.js')}"
+    return html.replace("/*CSS*/", css, 1).replace("/*JS*/", js, 1)
+
+
+def _part(name: str) -> str:
+    return files(__package__).joinpath(name).read_text("utf-8").rstrip()
