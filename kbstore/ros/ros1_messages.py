@@ -1,7 +1,7 @@
 """ROS 1 messages of ROSPlan, made from kbstore's own, which have the same field names."""
 
 from collections.abc import Callable
-from enum import IntEnum
+from functools import lru_cache
 from typing import Any
 
 from kbstore.clock import SECOND
@@ -17,32 +17,47 @@ from kbstore.messages import (
 Make = Callable[[str], Any]
 """Makes a message of a type, with ROS's defaults in its fields: ``make("KnowledgeItem")``.
 
-A type is named as in its package; the response of a service is ``GetInstanceServiceResponse``.
+A type is named as in its package; the response of a service is ``GetInstanceServiceResponse``. A message lists its
+fields in ``__slots__``, as those of genpy do.
 """
 
-_ITEMS = (Instance, Fact, Function, Expression, Inequality)
+_NAMES = dict.fromkeys((Instance, Fact, Function, Expression, Inequality), "KnowledgeItem")
 
 
 def to_ros(message: Message, make: Make) -> Any:
     """Return a message of ROS with the values of one of kbstore's; a field that ROS lacks (a rate) is left out."""
-    return filled(make("KnowledgeItem" if isinstance(message, _ITEMS) else type(message).__name__), message, make)
+    kind = type(message)
+    return filled(make(_NAMES.get(kind) or kind.__name__), message, make)
 
 
 def filled(target: Any, source: Message, make: Make) -> Any:
     """The same into a message that is there already, which is returned."""
-    for name in type(source).model_fields:
-        if not hasattr(target, name):
-            continue
+    kind_of_target: Any = type(target)
+    for name in _shared(type(source), kind_of_target):
         value = getattr(source, name)
-        if name == "initial_time":
-            stamp(getattr(target, name), value)
+        kind = type(value)
+        if kind in _PLAIN:
+            if name == "initial_time":
+                stamp(target.initial_time, value)
+            else:
+                setattr(target, name, value)
+        elif kind is tuple:
+            setattr(target, name, [to_ros(part, make) for part in value])
         elif isinstance(value, Message):
             filled(getattr(target, name), value, make)
-        elif isinstance(value, tuple):
-            setattr(target, name, [to_ros(part, make) for part in value])
         elif value is not None:
-            setattr(target, name, int(value) if isinstance(value, IntEnum) else value)
+            setattr(target, name, int(value))
     return target
+
+
+_PLAIN = frozenset((str, int, float, bool))
+
+
+@lru_cache(maxsize=64)
+def _shared(source: type[Message], target: type[Any]) -> tuple[str, ...]:
+    """The fields that both messages have; a state of 1,000 facts is 2,000 messages."""
+    fields = set(target.__slots__)
+    return tuple(name for name in source.model_fields if name in fields)
 
 
 def stamp(target: Any, t: int) -> None:

@@ -10,6 +10,7 @@ from typing import Any
 from kbstore.errors import InvalidKnowledge, KbStoreError, UnknownSymbol
 from kbstore.knowledge_base import KnowledgeBase
 from kbstore.messages import Condition, Expression, Fact, KnowledgeType, UpdateType, from_message
+from kbstore.messages.bulk import gc_paused
 from kbstore.model.results import Transaction
 from kbstore.model.symbols import SymbolTable
 from kbstore.names import key
@@ -209,7 +210,8 @@ class RosplanServices:
         return done
 
     def _messages(self, found: Iterable[Any]) -> list[Any]:
-        return [to_ros(message, self._make) for message in found]
+        with gc_paused():
+            return [to_ros(message, self._make) for message in found]
 
 
 def _update_of(kind: int, item: Any) -> tuple[int, Any]:

@@ -3,6 +3,7 @@
 Needs rospy and the messages of ROSPlan (`rosplan_knowledge_msgs`), which a ROS 1 distribution brings.
 """
 
+import gc
 import importlib
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -63,6 +64,7 @@ def run(url: str | None, kb: str | None, arguments: Sequence[str] = ()) -> None:
     with kbstore.open(place, name, clock=clock, use_unknowns=use_unknowns) as opened:
         _load(rospy, opened)
         _serve(rospy, opened, _Types(packages))
+        gc.freeze()  # what has been imported stays, and need not be looked through at each answer
         rospy.loginfo("ready: %s in %s", name, opened)
         rospy.spin()
 
@@ -80,9 +82,14 @@ class _Types:
 
     def __init__(self, packages: Sequence[Any]) -> None:
         self._packages = packages
+        self._found: dict[str, Any] = {}
 
     def __call__(self, name: str) -> Any:
-        return next(getattr(package, name) for package in self._packages if hasattr(package, name))
+        found = self._found.get(name)
+        if found is None:
+            found = next(getattr(package, name) for package in self._packages if hasattr(package, name))
+            self._found[name] = found
+        return found
 
     def make(self, name: str) -> Any:
         return self(name)()

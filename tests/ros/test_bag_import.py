@@ -1,5 +1,8 @@
 """Bags become knowledge bases: an hour of a mission in rosbag1, and in rosbag2 with SQLite and MCAP."""
 
+import sqlite3
+from contextlib import closing
+
 import pytest
 
 import kbstore
@@ -185,6 +188,18 @@ def test_of_one_time_the_last_snapshot_counts(kind, tmp_path):
         assert [str(found.item) for found in kb.history("(open ?)")] == ["(open b)"]
 
 
+def test_a_bag_without_definitions(tmp_path):
+    """Bags of ROS 2 before Iron do not carry the definitions of their messages; those of PlanSys2 are known."""
+    bag, store = write(tmp_path / "tour", "sqlite3", mission), tmp_path / "robot.db"
+    with closing(sqlite3.connect(next(bag.glob("*.db3")))) as file:
+        assert file.execute("DELETE FROM message_definitions").rowcount > 0
+        file.commit()
+    import_bag(bag, store, "tour", domain=DOMAIN)
+    with opened(store) as kb:
+        assert [(run.started, run.ended) for run in kb.runs("move")] == [(start, end) for start, end, *_ in drives()]
+        assert kb.when("(robot_at r1 b)", BEGIN, BEGIN + 2 * HOUR) == expected_places()["b"]
+
+
 # -- what cannot be imported --------------------------------------------------------------------------------------
 
 
@@ -197,6 +212,11 @@ def two_worlds(messages):
         yield 5, f"{name}/problem_expert/knowledge", messages.knowledge(["a"], [])
 
 
+def two_planners(messages):
+    yield 5, "/problem_expert/knowledge", messages.knowledge(["a"], [])
+    yield 6, "/problem_instance", messages.text("(define (problem p))")
+
+
 def unknown_predicate(messages):
     yield 5, "/problem_expert/knowledge", messages.knowledge(["a"], ["(open a)"])
     yield 6, "/problem_expert/knowledge", messages.knowledge(["a"], ["(flying a)"])
@@ -207,6 +227,7 @@ def unknown_predicate(messages):
     [
         (other_topics, r"no topic of PlanSys2 or of ROSPlan: it has /chatter"),
         (two_worlds, r"several worlds, /r1/problem_expert/knowledge and /r2/"),
+        (two_planners, r"topics of PlanSys2 and of ROSPlan, /problem_expert/knowledge, /problem_instance; make a bag"),
         (unknown_predicate, r"/problem_expert/knowledge at 1970-01-01T00:00:00.000000006Z: .*flying"),
     ],
 )

@@ -14,15 +14,12 @@ from kbstore.knowledge_base import KnowledgeBase
 from kbstore.model.domain import Domain
 from kbstore.model.plain import Data, Result, times
 from kbstore.model.results import Transaction
-from kbstore.ros.bags.reading import Bag, Recorded, opened
+from kbstore.ros.bags.reading import PLANSYS2, Bag, Recorded, opened
 from kbstore.ros.bags.rosplan_mirror import RosplanMirror
 from kbstore.ros.mirror import Mirror
 from kbstore.transfer.rows import Progress
 
 Source = str | os.PathLike[str] | None
-
-PLANSYS2 = frozenset({"knowledge", "plan", "info", "hub"})
-"""The kinds of messages that PlanSys2 publishes."""
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from typing import Any
 
 from kbstore.clock import isoformat
 from kbstore.errors import InvalidKnowledge, MissingLibrary
-from kbstore.ros.bags.definitions import PLANSYS2
+from kbstore.ros.bags import definitions
 
 try:
     from rosbags.highlevel import AnyReader, AnyReaderError
@@ -30,6 +30,9 @@ KINDS = {
     "rosplan_dispatch_msgs/msg/ActionFeedback": "feedback",
 }
 """The messages that say what holds or what is done, by their types."""
+
+PLANSYS2 = frozenset(kind for name, kind in KINDS.items() if name.startswith("plansys2"))
+"""The kinds of messages that PlanSys2 publishes; ROSPlan publishes the others."""
 
 PROBLEM = "problem_instance"
 """The last part of the name of the topic on which ROSPlan publishes problems as text."""
@@ -60,6 +63,10 @@ class Bag:
         if not self.topics:
             there = f"it has {', '.join(self.others)}" if self.others else "it is empty"
             raise InvalidKnowledge(f"{path} has no topic of PlanSys2 or of ROSPlan: {there}")
+        if len({kind in PLANSYS2 for kind in self.topics.values()}) > 1:
+            raise InvalidKnowledge(
+                f"{path} has topics of PlanSys2 and of ROSPlan, {', '.join(sorted(self.topics))}; make a bag of each"
+            )
         for kind in ("knowledge", "problem"):
             same = sorted(topic for topic, found in self.topics.items() if found == kind)
             if len(same) > 1:
@@ -101,7 +108,7 @@ def opened(path: str | os.PathLike[str]) -> Iterator[Bag]:
     if not file.exists():
         raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(path))
     types = get_typestore(Stores.ROS2_HUMBLE)
-    for name, text in PLANSYS2.items():
+    for name, text in definitions.PLANSYS2.items():
         types.register(get_types_from_msg(text, name))
     try:
         reader = AnyReader([file], default_typestore=types)
