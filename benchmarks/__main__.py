@@ -1,4 +1,4 @@
-"""``python -m benchmarks``: one run, one table."""
+"""``python -m benchmarks``: one run, one table for each kind of work."""
 
 import argparse
 import os
@@ -8,40 +8,61 @@ from pathlib import Path
 
 from rich.console import Console
 
-from benchmarks import courses, growth, loads, memory, points, postgresql, sizes, states, writes
+from benchmarks import (
+    commands,
+    courses,
+    growth,
+    loads,
+    memory,
+    points,
+    postgresql,
+    questions,
+    sizes,
+    states,
+    views,
+    writes,
+)
 from benchmarks.peers import comparing
-from benchmarks.report import Missing, Result, markdown, show
+from benchmarks.report import Missing, Result, filled, show
 from benchmarks.settings import Settings
 
-_PARTS = {
-    "states": states.measure,
-    "points": points.measure,
-    "writes": writes.measure,
-    "loads": loads.measure,
-    "when": courses.measure,
-    "growth": growth.measure,
-    "sizes": sizes.measure,
-    "memory": memory.measure,
-    "postgresql": postgresql.measure,
-    "peers": comparing.measure,
+_TABLES = {
+    "Asking": {
+        "questions": questions.measure,
+        "points": points.measure,
+        "states": states.measure,
+        "when": courses.measure,
+        "views": views.measure,
+        "commands": commands.measure,
+    },
+    "Writing": {"writes": writes.measure, "loads": loads.measure},
+    "PostgreSQL": {"postgresql": postgresql.measure},
+    "Growth": {"growth": growth.measure, "sizes": sizes.measure, "memory": memory.measure},
+    "Peers": {"peers": comparing.measure},
 }
+"""The tables, and the parts that give their rows."""
+
+_PARTS = [part for parts in _TABLES.values() for part in parts]
 
 
 def main() -> None:
-    """Run the benchmarks that are asked for, and print the table."""
+    """Run the benchmarks that are asked for, and print the tables."""
     arguments = _arguments()
     console = Console(width=None if Console().is_terminal else 140)
     began = time.monotonic()
-    results: list[Result | Missing] = []
+    tables: dict[str, list[Result | Missing]] = {title: [] for title in _TABLES}
     with tempfile.TemporaryDirectory(prefix="kbstore-bench-", dir=arguments.directory) as directory:
         settings = _settings(Path(directory), arguments)
-        for name in arguments.only or _PARTS:
-            for result in _PARTS[name](settings):
-                console.print(f"{time.monotonic() - began:5.0f} s  {result}")
-                results.append(result)
-    show(results, console)
-    if arguments.markdown:
-        arguments.markdown.write_text(markdown(results))
+        for title, parts in _TABLES.items():
+            for name, measure in parts.items():
+                for result in measure(settings) if name in (arguments.only or _PARTS) else ():
+                    console.print(f"{time.monotonic() - began:5.0f} s  {result}")
+                    tables[title].append(result)
+    for title, results in tables.items():
+        if results:
+            show(results, console, title)
+    if arguments.page:
+        arguments.page.write_text(filled(arguments.page.read_text(), tables))
     loads_now = ", ".join(f"{load:.1f}" for load in os.getloadavg())
     console.print(f"{time.monotonic() - began:.0f} s; {os.cpu_count()} cores, load averages at the end {loads_now}")
 
@@ -83,7 +104,9 @@ def _arguments() -> argparse.Namespace:
     )
     parser.add_argument("--postgresql", metavar="URL", help="a server to measure on; one is started if none is named")
     parser.add_argument("--directory", type=Path, help="where to make the stores (they are removed afterwards)")
-    parser.add_argument("--markdown", type=Path, metavar="FILE", help="write the table there, too")
+    parser.add_argument(
+        "--page", type=Path, metavar="FILE", help="fill the tables of docs/performance.md with the rows that have a bar"
+    )
     parser.add_argument("--only", nargs="+", choices=_PARTS, help="only these parts")
     return parser.parse_args()
 

@@ -1,6 +1,7 @@
-"""The results as one table."""
+"""The results as tables."""
 
-from collections.abc import Sequence
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from rich.console import Console
@@ -57,14 +58,24 @@ class Missing:
 _HEADINGS = ("what", "against", "kbstore", "other", "ratio", "bar", "met")
 
 
-def show(results: Sequence[Result | Missing], console: Console) -> None:
-    """Print the table."""
-    table = Table(title="kbstore, side by side with others: lower quartiles of one run")
+def show(results: Sequence[Result | Missing], console: Console, title: str) -> None:
+    """Print one table."""
+    table = Table(title=f"{title}: lower quartiles of one run, side by side")
     for heading in _HEADINGS:
         table.add_column(heading, justify="left" if heading in _HEADINGS[:2] else "right", overflow="fold")
     for result in results:
         table.add_row(*_cells(result))
     console.print(table)
+
+
+def filled(page: str, tables: Mapping[str, Sequence[Result | Missing]]) -> str:
+    """A page in which the first table below the heading of each title has the rows that have a bar."""
+    for title, results in tables.items():
+        rows = [result for result in results if isinstance(result, Missing) or result.bar is not None]
+        if rows:
+            table = re.compile(rf"(^## {title}\n(?:(?!\||## ).*\n)*)(?:\|.*\n)+", re.MULTILINE)
+            page = table.sub(lambda found: found[1] + markdown(rows), page, count=1)  # noqa: B023 - called at once
+    return page
 
 
 def markdown(results: Sequence[Result | Missing]) -> str:

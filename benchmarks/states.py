@@ -32,7 +32,7 @@ def measure(settings: Settings) -> Iterator[Result]:
                         worst[name] = (duration, found["raw"])
             for name, (ours, theirs) in worst.items():
                 if name != "raw":
-                    bar = None if name in (_LISTED, _AGAIN) else BAR
+                    bar = None if name == _AGAIN else BAR
                     yield Result(f"{name}, {shape}, {settings.size:,}", "raw fetch of its rows", ours, theirs, bar)
             yield _unprepared(settings, kb, history, answers)
 

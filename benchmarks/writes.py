@@ -20,8 +20,9 @@ _CONTENT = ("timelines", "mentions", "transactions", "instances", "facts")
 
 
 def measure(settings: Settings) -> Iterator[Result]:
-    """Measure one add at a time, then many at once."""
+    """Measure one add at a time, values replaced together, then many new facts at once."""
     yield from _single(settings)
+    yield from _replacing(settings)
     yield from _bulk(settings)
 
 
@@ -36,8 +37,8 @@ def copy(source: Path, target: Path) -> None:
 class RawFlips:
     """Changes the sign of facts with the statements that kbstore uses for it."""
 
-    def __init__(self, path: Path, t: int) -> None:
-        self._connection = raw.connect(path)
+    def __init__(self, path: Path, t: int, *, synchronous: str = "FULL") -> None:
+        self._connection = raw.connect(path, synchronous=synchronous)
         self._t = t
         self._number, self._last = self._connection.execute("SELECT last_number, last_timeline FROM heads").fetchone()
         rows = self._connection.execute(
@@ -47,59 +48,93 @@ class RawFlips:
         self._choice = random.Random(1)
         self._timelines = list(self._rows)
 
-    def flip(self) -> None:
-        """One transaction."""
+    def flip(self, count: int = 1) -> None:
+        """One transaction, with as many changes."""
         self._t += 1000
         self._number += 1
-        timeline = self._choice.choice(self._timelines)
-        recorded, seq, start, is_negative = self._rows[timeline]
-        execute = self._connection.execute
+        t, number = self._t, self._number
+        ended, begun = [], []
+        for seq, timeline in enumerate(self._choice.sample(self._timelines, count)):
+            recorded, place, start, is_negative = self._rows[timeline]
+            ended.append((t, level(start, t), number, recorded, place))
+            begun.append((seq, number, timeline, t, OPEN, OPEN_LEVEL, not is_negative))
+            self._rows[timeline] = (number, seq, t, not is_negative)
+        execute, execute_many = self._connection.execute, self._connection.executemany
         execute("BEGIN IMMEDIATE")
-        execute(
+        execute_many(
             "UPDATE facts SET end_time = ?, level = ?, ended_tx = ?, end_cause = 2"
             " WHERE kb_id = 1 AND recorded_tx = ? AND seq = ?",
-            (self._t, level(start, self._t), self._number, recorded, seq),
+            ended,
         )
-        execute(
+        execute_many(
             "INSERT INTO facts (kb_id, seq, recorded_tx, timeline_id, initial_time, end_time, level, is_negative)"
-            " VALUES (1, 0, ?, ?, ?, ?, ?, ?)",
-            (self._number, timeline, self._t, OPEN, OPEN_LEVEL, not is_negative),
+            " VALUES (1, ?, ?, ?, ?, ?, ?, ?)",
+            begun,
         )
         token = random.getrandbits(62)
         execute(
-            "INSERT INTO transactions VALUES (1, 1, ?, ?, ?, ?, NULL, '', '')",
-            (self._number, self._t, token, self._last),
+            "INSERT INTO transactions VALUES (1, ?, ?, ?, ?, ?, NULL, '', '')", (count, number, t, token, self._last)
         )
         execute(
             "UPDATE heads SET last_number = ?, last_time = ?, last_token = ? WHERE kb_id = 1",
             (self._number, self._t, token),
         )
         execute("COMMIT")
-        self._rows[timeline] = (self._number, 0, self._t, not is_negative)
+
+
+class _Flips:
+    """The same through kbstore, on a copy of a store, beside the raw statements on another."""
+
+    def __init__(self, settings: Settings, history: History, durability: str = "full") -> None:
+        store, other = settings.new("flips"), settings.new("flips-raw")
+        copy(settings.store(history), store)
+        copy(store, other)
+        self._clock = ManualClock(START + (history.size + 1) * STEP)
+        synchronous = "FULL" if durability == "full" else "NORMAL"
+        self.raw = RawFlips(other, self._clock.now(), synchronous=synchronous)
+        self.kb = kbstore.open(store, "bench", clock=self._clock, durability=durability)
+        self._signs = {" ".join(item.key): item.is_negative for item in self.kb.state().facts}
+        self._items = {key: (fact(key), fact(key, is_negative=True)) for key in self._signs}
+        self._keys = list(self._signs)
+        self._choice = random.Random(1)
+
+    def flip(self, count: int = 1) -> None:
+        """One transaction, with as many changes."""
+        items = []
+        for key in self._choice.sample(self._keys, count):
+            self._signs[key] = not self._signs[key]
+            items.append(self._items[key][self._signs[key]])
+        self._clock.advance(1000)
+        self.kb.add(*items)
 
 
 def _single(settings: Settings) -> Iterator[Result]:
     history = History(UNIFORM, min(settings.size, 100_000))
-    store, other = settings.new("single"), settings.new("single-raw")
-    copy(settings.store(history), store)
-    copy(store, other)
-    clock = ManualClock(START + (history.size + 1) * STEP)
-    flips = RawFlips(other, clock.now())
-    choice = random.Random(1)
-    with kbstore.open(store, "bench", clock=clock) as kb:
-        signs = {" ".join(item.key): item.is_negative for item in kb.state().facts}
-        keys = list(signs)
-
-        def flip() -> None:
-            key = choice.choice(keys)
-            signs[key] = not signs[key]
-            clock.advance(1000)
-            kb.add(fact(key, signs[key]))
-
-        for name, meter, bar in (("", WALL, 2.0), (", computing alone", CPU, None)):
-            ways = {"raw": flips.flip, "kbstore": flip}
+    for durability, what in (("full", "single durable add"), ("normal", 'single add, durability="normal"')):
+        flips = _Flips(settings, history, durability)
+        ways = {"raw": flips.raw.flip, "kbstore": flips.flip}
+        for name, meter in (("", WALL), (", computing alone", CPU)):
+            bar = None if name else 1.6 if durability == "full" else 2.5
             found = side_by_side(ways, clock=meter, seconds=settings.seconds, minimum=200)
-            yield Result(f"single durable add{name}", "raw, the same writes", found["kbstore"], found["raw"], bar)
+            yield Result(f"{what}{name}", "raw, the same writes", found["kbstore"], found["raw"], bar)
+        flips.kb.close()
+
+
+def _replacing(settings: Settings) -> Iterator[Result]:
+    """Replace the values of many facts in one transaction, in a short and in a long history."""
+    small, large = min(settings.size // 10, 100_000), settings.size
+    for count in (200, 1_000):
+        found = {}
+        for size in (small, large):
+            flips = _Flips(settings, History(UNIFORM, size))
+            ways = {"raw": lambda: flips.raw.flip(count), "kbstore": lambda: flips.flip(count)}  # noqa: B023
+            found[size] = side_by_side(ways, clock=CPU, seconds=settings.seconds, minimum=20)
+            flips.kb.close()
+            what = f"replace {count:,} values in a transaction, {size:,}"
+            yield Result(what, "raw, the same writes", found[size]["kbstore"], found[size]["raw"], 1.5)
+        ours, theirs = (found[large][way] / found[small][way] for way in ("kbstore", "raw"))
+        what = f"growth of replacing {count:,} values, {small:,} to {large:,}"
+        yield Result(what, "that of the raw writes", ours, theirs, 1.05, "times")
 
 
 def _bulk(settings: Settings) -> Iterator[Result]:
