@@ -50,7 +50,7 @@ from kbstore.model.results import (
 )
 from kbstore.model.timelines import Role
 from kbstore.names import key
-from kbstore.pddl.strict_names import StrictPddl, strict_domain, strict_problem
+from kbstore.pddl.strict_names import StrictPddl, strict_domain
 from kbstore.pddl.writer import write_domain
 from kbstore.reading.answers import Answers
 from kbstore.reading.beliefs import Belief, beliefs
@@ -570,8 +570,9 @@ class KnowledgeBase:
         what its `names` stand for, for `read_plan` (rule P5).
         """
         state = self.state(at, as_of)
-        text = state.to_pddl(explicit_negatives=explicit_negatives)
-        return strict_problem(text, state.domain) if strict_names else text
+        if strict_names:
+            return state.to_pddl(explicit_negatives=explicit_negatives, strict_names=True)
+        return state.to_pddl(explicit_negatives=explicit_negatives)
 
     @overload
     def domain_to_pddl(self, *, strict_names: Literal[False] = False) -> str: ...

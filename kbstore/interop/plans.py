@@ -220,9 +220,13 @@ def _due(step: Step, begin: int, following: int | None, run: Run | None, now: in
 
 
 def _refuse_broken(knowledge_base: Any, runs: Iterable[Run]) -> None:
-    """Raise `NotApplicable` where an over-all condition of what runs has been broken."""
+    """Raise `NotApplicable` where an over-all condition of what runs has been broken.
+
+    What breaks at the very time at which the run is to end does not count: it ends now.
+    """
+    now = knowledge_base.now()
     for run in runs:
-        broken = knowledge_base.broken(run)
+        broken = [found for found in knowledge_base.broken(run) if found.since < now or run.expected_end > now]
         if broken:
             raise NotApplicable(
                 f"the plan is stopped: {run} needs {broken[0]}; abort it and plan again, or go on with "

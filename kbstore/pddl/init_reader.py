@@ -53,8 +53,9 @@ class Fitting:
 class InitReader:
     """Reads an ``(:init ...)`` section into `entries` and `timed` (with times in nanoseconds), with their offsets.
 
-    What is kept as text is in `object_values`, by the term whose value it is, and in `uncertain`: what is known of
-    atoms of which it is not known whether they are true (rule P4).
+    What is kept as text is in `object_values`, by the term whose value it is (in `timed_values` those of later times,
+    each time with term and text), and in `uncertain`: what is known of atoms of which it is not known whether they are
+    true (rule P4).
     """
 
     scope: Scope
@@ -63,6 +64,7 @@ class InitReader:
     timed: list[tuple[int, Entry]] = field(default_factory=list)
     timed_offsets: list[int] = field(default_factory=list)
     object_values: dict[str, str] = field(default_factory=dict)
+    timed_values: list[tuple[int, str, str]] = field(default_factory=list)
     uncertain: list[str] = field(default_factory=list)
     uncertain_offsets: list[int] = field(default_factory=list)
     _facts: Fitting = field(default_factory=Fitting)
@@ -82,6 +84,9 @@ class InitReader:
             if values is not None:
                 self.entries.append(trusted_fact(str(group[0]), values))
             elif group.word(0) == "at" and len(group) == 3 and isinstance(group[2], Group):
+                if self._is_object_value(group[2], ("=", "assign")):
+                    self.timed_values.append((self._time(group), *self._object_value(group[2])))
+                    continue
                 self.timed.append((self._time(group), self._entry(group[2], timed=True)))
                 self.timed_offsets.append(group.start)
                 continue
@@ -95,11 +100,8 @@ class InitReader:
     def _is_kept(self, group: Group) -> bool:
         """Read what is kept as text; False for anything else."""
         scope, word = self.scope, group.word(0)
-        if word == "=" and len(group) == 3 and scope.is_object_term(group[1]):
-            read = EffectReader(scope, ConditionReader(scope, frozenset()), frozenset()).object_assignment
-            assigned = read(group, NO_VARIABLES)
-            name = key(str(assigned.function))
-            text = f"(= {assigned.function} {assigned.value})"
+        if self._is_object_value(group, ("=",)):
+            name, text = self._object_value(group)
             if self.object_values.setdefault(name, text) != text:
                 scope.diagnose(InvalidKnowledge, f"{text}: the function has another value before", group)
             return True
@@ -115,6 +117,16 @@ class InitReader:
             self.uncertain_offsets.append(group.start)
             return True
         return False
+
+    def _is_object_value(self, group: Group, words: tuple[str, ...]) -> bool:
+        """Return whether a group gives an object fluent its value."""
+        return group.word(0) in words and len(group) == 3 and self.scope.is_object_term(group[1])
+
+    def _object_value(self, group: Group) -> tuple[str, str]:
+        """The term of an object fluent as a key, and its value as text."""
+        read = EffectReader(self.scope, ConditionReader(self.scope, frozenset()), frozenset()).object_assignment
+        assigned = read(group, NO_VARIABLES)
+        return key(str(assigned.function)), f"(= {assigned.function} {assigned.value})"
 
     def _time(self, group: Group) -> int:
         """The time of a timed literal, in nanoseconds."""
@@ -164,12 +176,6 @@ class InitReader:
         scope = self.scope
         if len(group) != 3:
             raise scope.error(f"the value of a function is (= (f a) 3), not {node_text(group, 60)}", group)
-        if timed and scope.is_object_term(group[1]):
-            raise scope.error(
-                f"{node_text(group[1], 60)} is an object fluent, which is kept, but not computed, and not at a later "
-                "time: say it with a predicate",
-                group,
-            )
         value = number_at(scope, group, 2)
         if value is None:
             raise scope.error(f"the value of a function is a number here, not {node_text(group[2], 60)}", group, 2)

@@ -62,8 +62,8 @@ class Problem:
     """A planning problem, as items of a knowledge base.
 
     `timed` has the offsets of timed-initial knowledge from the initial state, in nanoseconds; `constraints` are PDDL
-    text. `places` has the line and column of each item of "instances", "init", "timed" and "goals"; `source` is the
-    file, None for text.
+    text, and so are the values of object fluents: by term, and in `timed_values` with offset and term. `places` has
+    the line and column of each item of "instances", "init", "timed" and "goals"; `source` is the file, None for text.
     """
 
     name: str
@@ -76,6 +76,7 @@ class Problem:
     metric: Expression | None = None
     constraints: list[str] = field(default_factory=list)
     object_values: dict[str, str] = field(default_factory=dict)
+    timed_values: list[tuple[int, str, str]] = field(default_factory=list)
     uncertain: list[str] = field(default_factory=list)
     places: Mapping[str, Sequence[tuple[int, int]]] = field(default_factory=dict, compare=False)
     source: str | None = field(default=None, compare=False)
@@ -129,6 +130,7 @@ class _ProblemReader:
             self._metric(definition.one(":metric")),
             ConstraintReader(scope, ConditionReader(scope, frozenset())).read(constraints) if constraints else [],
             init.object_values,
+            init.timed_values,
             init.uncertain,
             {
                 "instances": SourcePositions(scope.source, instance_offsets),

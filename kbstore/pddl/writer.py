@@ -77,6 +77,10 @@ class StateLike(Protocol):
         """The constraints on the plan's course, and what is kept of the initial state, in PDDL."""
 
     @property
+    def timed_constraints(self) -> Sequence[tuple[int, str]]:
+        """What is kept of later times, in PDDL."""
+
+    @property
     def timed_knowledge(self) -> Sequence[KnowledgeItem]:
         """The items that take effect later, each at its `initial_time`."""
 
@@ -108,6 +112,7 @@ def write_problem(state: StateLike, *, explicit_negatives: bool = False) -> str:
         *_functions(state.functions),
         *(f"    {text}" for text in state.constraints if is_initial(text)),
         *_timed(state),
+        *(f"    (at {_seconds(t - state.at)} {text})" for t, text in state.timed_constraints),
         *_running(state),
         *_comments("recorded, which PDDL cannot say: ", state.inequalities),
         "  )",

@@ -4,7 +4,7 @@ from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cached_property
 
-from kbstore.errors import InvalidKnowledge
+from kbstore.errors import InvalidKnowledge, NotLinear
 from kbstore.evaluation.interpretation import Arguments, Number, Span
 from kbstore.evaluation.snapshot import StateRow, is_of
 from kbstore.evaluation.when import truths
@@ -23,12 +23,18 @@ Break = tuple[Formula, Truth, int]
 
 
 def expected_breaks(
-    action: GroundAction, entry: RunningAction, at_start: Effects, project: Callable[[], Simulator]
+    action: GroundAction,
+    entry: RunningAction,
+    at_start: Effects,
+    project: Callable[[], Simulator],
+    *,
+    force: bool = False,
 ) -> list[Break]:
     """Return the over-all conditions of an action that are expected to break before its expected end (rule O6).
 
     `project` gives the state before the start, at the time of the start, to be played forward. Raises `NotLinear` where
-    that cannot be decided. What processes or events may change is not looked ahead on (rule P4).
+    that cannot be decided; with `force` such a condition is unknown from the start on. What processes or events may
+    change is not looked ahead on (rule P4).
     """
     start, end = entry.run.started, entry.run.expected_end
     conditions = action.conditions(Timing.OVER_ALL)
@@ -49,6 +55,10 @@ def expected_breaks(
             pieces = truths(condition, trajectory, duration=entry.run.seconds)
         except InvalidKnowledge:
             continue
+        except NotLinear:
+            if not force:
+                raise
+            pieces = [(start, end, Truth.UNKNOWN)]
         broken = next(((since, truth) for since, _, truth in pieces if truth is not Truth.TRUE), None)
         if broken is not None:
             found.append((condition, broken[1], broken[0]))

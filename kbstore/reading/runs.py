@@ -4,21 +4,23 @@ from collections.abc import Iterator, Mapping, Sequence
 from itertools import groupby
 
 from kbstore.clock import OPEN, TimeLike
-from kbstore.errors import InvalidKnowledge, NotLinear, UnknownSymbol
+from kbstore.errors import InvalidKnowledge, KbStoreError, NotLinear, UnknownSymbol
+from kbstore.evaluation.interpretation import Arguments
+from kbstore.evaluation.snapshot import Snapshot
 from kbstore.evaluation.when import truths
 from kbstore.messages import KnowledgeType, Truth
 from kbstore.model.domain import Domain
-from kbstore.model.formulas import Add, Atom, Delete, Formula, Timing
+from kbstore.model.formulas import Atom, Formula, Timing
 from kbstore.model.results import AsOf, Broken, Run
 from kbstore.model.symbols import arity_problem
-from kbstore.model.timelines import Identity, Role, atom_key
+from kbstore.model.timelines import Identity, Role, Value, atom_key, fact_value
 from kbstore.names import key, matches
 from kbstore.pddl.printer import condition_text
-from kbstore.planning.effects import grounded_atom
+from kbstore.planning import effects
 from kbstore.planning.grounding import GroundAction
 from kbstore.reading.reader import Reader, as_run
 from kbstore.reading.trajectory import Piece, StoredTrajectory
-from kbstore.storage.records import LogPosition, RunRow
+from kbstore.storage.records import Head, LogPosition, RunRow
 from kbstore.storage.repository import Repository
 
 TruthPiece = tuple[int, int, Truth]
@@ -77,6 +79,7 @@ class Runs:
         head, last = now.head, min(row.end_time, now.valid_time + 1)
         first = max(row.started, head.history_from) if kept else row.started
         pieces: dict[str, list[TruthPiece]] = {}
+        unwritten = self._unwritten(repository, row, head)
         if first < last:
             self._reader.resolver.refuse_archived(first, head)
         for start, end, symbols in self._reader.domains.within(repository, head, first, last):
@@ -84,7 +87,7 @@ class Runs:
             if domain is None or first >= last:
                 continue
             trajectory = _RunTrajectory(self._reader, repository, now, (start, end), domain)
-            trajectory.started, trajectory.unwritten = row.started, _unwritten(domain, row)
+            trajectory.started, trajectory.unwritten = row.started, unwritten
             for condition in _invariants(domain, row):
                 try:
                     found = truths(condition, trajectory, duration=row.duration_s)
@@ -102,6 +105,30 @@ class Runs:
             ),
             key=lambda broken: broken.since,
         )
+
+    def _unwritten(self, repository: Repository, row: RunRow, head: Head) -> dict[Identity, Value]:
+        """Return what the at-start effects of a run leave on what is sensed (rule O8).
+
+        They are evaluated on the state before the start; where that has been archived, only those without a condition.
+        """
+        position = repository.after_transaction(row.recorded - 1, row.started)
+        domain = self._reader.domains.symbol_table(repository, head, position).domain
+        action = None if domain is None or not domain.sensed else _ground(domain, row)
+        if domain is None or action is None:
+            return {}
+        world = Snapshot(row.started, [], domain, self._reader.use_unknowns)
+        if row.started >= head.history_from:
+            point = self._reader.resolver.at_position(head, position)
+            world = self._reader.state(repository, point).snapshot
+        try:
+            found = effects.evaluate(action, Timing.AT_START, world, duration=row.duration_s)
+        except KbStoreError:
+            return {}
+        return {
+            Identity(Role.STATE, kind, atom_key((atom.name, *atom.arguments))): value or fact_value(is_negative=True)
+            for kind, atom, value in effects.outcome(found, world, lambda function: 0.0)
+            if atom.name in domain.sensed
+        }
 
     def _keys(self, repository: Repository, pattern: str, first: int, last: int) -> Sequence[str]:
         """The words of a pattern as keys; of a name alone, that."""
@@ -136,7 +163,16 @@ class _RunTrajectory(StoredTrajectory):
     """
 
     started: int
-    unwritten: Mapping[Identity, bool]
+    unwritten: Mapping[Identity, Value]
+
+    def all_signs(self, name: str) -> Mapping[Arguments, Sequence[tuple[int, int, bool]]]:
+        """The pieces of every fact of a predicate, those of unwritten effects included."""
+        found = dict(super().all_signs(name))
+        for identity in self.unwritten:
+            predicate, *arguments = identity.key.split(" ")
+            if identity.kind is KnowledgeType.FACT and predicate == name:
+                found[tuple(arguments)] = self.signs(name, tuple(arguments))
+        return found
 
     def _with_expected(self, identity: Identity) -> list[Piece]:
         pieces = super()._with_expected(identity)
@@ -145,20 +181,8 @@ class _RunTrajectory(StoredTrajectory):
         start, end = self.span
         later = [piece for piece in pieces if piece[3] > self.started]
         until = later[0][0] if later else end
-        value = (not self.unwritten[identity],)
+        value = self.unwritten[identity]
         return [(start, until, value, self.started), *later] if start < until else later
-
-
-def _unwritten(domain: Domain, row: RunRow) -> dict[Identity, bool]:
-    """The signs that the unconditional at-start effects of a run give to facts that are sensed."""
-    action = _ground(domain, row)
-    signs: dict[Identity, bool] = {}
-    for effect in action.action.effects_at(Timing.AT_START) if action is not None and domain.sensed else ():
-        if isinstance(effect, Add | Delete) and key(effect.atom.name) in domain.sensed:
-            atom = grounded_atom(effect.atom, action.bindings, action) if action is not None else effect.atom
-            identity = Identity(Role.STATE, KnowledgeType.FACT, atom_key((atom.name, *atom.arguments)))
-            signs[identity] = signs.get(identity, False) or isinstance(effect, Add)
-    return signs
 
 
 def _as_of(row: RunRow, believed: LogPosition) -> RunRow | None:

@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING, TypeVar, cast
+from typing import TYPE_CHECKING, Literal, TypeVar, cast, overload
 
 from kbstore.clock import isoformat
 from kbstore.conversion import MessageDomain
@@ -28,6 +28,7 @@ from kbstore.model.results import QueryResult, Run
 from kbstore.model.symbols import SymbolTable
 from kbstore.model.timelines import Identity, Role, fact_value
 from kbstore.pddl.parse import uncertain_atoms
+from kbstore.pddl.strict_names import StrictPddl, strict_problem
 from kbstore.pddl.writer import write_problem
 from kbstore.planning.simulator import Mentions, Simulator
 from kbstore.reading.item_factory import ItemFactory
@@ -151,6 +152,12 @@ class State(Result):
         kept = sorted((row[0].id, row[2][2]) for row in self.snapshot.rows if row[0].role is Role.CONSTRAINT)
         return [text for _, text in kept if not any(map(self._is_asserted, uncertain_atoms(text)))]
 
+    @cached_property
+    def timed_constraints(self) -> list[tuple[int, str]]:
+        """The values of object fluents from later times on, each with its time, in PDDL (rule P4)."""
+        rows = [(t, timeline.id, value[2]) for timeline, t, value in self._pending if timeline.role is Role.CONSTRAINT]
+        return [(t, text) for t, _, text in sorted(rows) if t > self.at]
+
     def _is_asserted(self, name: str) -> bool:
         return self.snapshot.row(KnowledgeType.FACT, name) is not None
 
@@ -258,9 +265,14 @@ class State(Result):
             mentions=self._mentions,
         )
 
-    def to_pddl(self, *, explicit_negatives: bool = False) -> str:
-        """The planning problem at that time, in PDDL (rules P2, O4)."""
-        return write_problem(self, explicit_negatives=explicit_negatives)
+    @overload
+    def to_pddl(self, *, explicit_negatives: bool = False, strict_names: Literal[False] = False) -> str: ...
+    @overload
+    def to_pddl(self, *, explicit_negatives: bool = False, strict_names: Literal[True]) -> StrictPddl: ...
+    def to_pddl(self, *, explicit_negatives: bool = False, strict_names: bool = False) -> str | StrictPddl:
+        """Write the planning problem at that time in PDDL (rules P2, O4); with `strict_names` as a `StrictPddl`."""
+        text = write_problem(self, explicit_negatives=explicit_negatives)
+        return strict_problem(text, self.domain) if strict_names else text
 
     # -- as data ----------------------------------------------------------------------------------------------
 

@@ -98,7 +98,7 @@ class ActionExecutor:
             )
         )
         run = self._next_run(handlers, action, length)
-        breaks = expected_breaks(action, RunningAction(run, remembered), at_start, state.projection)
+        breaks = expected_breaks(action, RunningAction(run, remembered), at_start, state.projection, force=force)
         if breaks and not force:
             raise NotApplicable(_refusal(action, _foreseen(breaks)))
         overruled = [*(condition for condition, _ in forced), *(condition for condition, _, _ in breaks)]

@@ -92,10 +92,10 @@ class Handlers:
             case Condition():
                 return self._add_condition(goal.text, Role.GOAL, t)
 
-    def add_constraint(self, text: str, about: str = "") -> Violations:
-        """Keep what a problem says and no message carries, instead of what was kept before `about` the same."""
+    def add_constraint(self, text: str, about: str = "", t: int = 0) -> Violations:
+        """Keep what a problem says and no message carries, from `t` on, instead of what was kept `about` the same."""
         state = self._formula_state(about or text, Role.CONSTRAINT, KnowledgeType.EXPRESSION)
-        self._put(state, (False, "", text), self._now)
+        self._put(state, (False, "", text), max(t, self._now))
         return _NONE
 
     def end_uncertain(self) -> None:

@@ -161,6 +161,7 @@ def problem_batch(problem: Problem, handlers: Handlers, now: int) -> Batch:
         batch.add(Role.STATE, [problem.metric], handlers.add_metric)
     batch.steps += [partial(handlers.add_constraint, text) for text in (*problem.constraints, *problem.uncertain)]
     batch.steps += [partial(handlers.add_constraint, text, about) for about, text in problem.object_values.items()]
+    batch.steps += [partial(handlers.add_constraint, text, about, now + at) for at, about, text in problem.timed_values]
     return batch
 
 

@@ -14,7 +14,7 @@ import kairos
 import pytest
 
 import kbstore
-from kbstore import KnowledgeBase, ManualClock, NotApplicable
+from kbstore import KnowledgeBase, ManualClock, NotApplicable, Run
 from kbstore.interop.plans import Happening, Step, execute
 from tests.acceptance import validator
 from tests.acceptance.conftest import BEGIN, load
@@ -22,41 +22,42 @@ from tests.acceptance.random_plans import good_or_bad
 
 PLANS = int(os.environ.get("KBSTORE_TEST_EXAMPLES", "0")) or 24
 CONDITION = re.compile(r"^  - (.*?) is (?:false|unknown)", re.MULTILINE)
-BROKEN = re.compile(r"the plan is stopped: (\(.*?\)) since .*? needs (.*?) is (?:false|unknown) since")
 
 
 class Complaint(NamedTuple):
-    """What the store has against a plan: the action, the conditions, one of which the validator names, and when."""
+    """What the store has against a plan at one time: actions with their conditions; and how many steps were taken."""
 
-    action: str
-    conditions: list[str]
-    place: int
+    reasons: list[tuple[str, str]]
+    steps: int
 
 
 def complaint(kb: KnowledgeBase, clock: ManualClock, steps: list[Step]) -> Complaint | None:
     """Carry out a plan, and return the first thing that the store has against it."""
-    place = 0
+    taken = 0
     try:
         for step, outcome in execute(kb, steps, clock.set):
-            place += 1
+            taken += 1
             if step.happening is Happening.END and outcome.failing:
-                return Complaint(_named(step), [failing.condition for failing in outcome.failing], place)
+                return Complaint([(named(step), failing.condition) for failing in outcome.failing], taken)
     except NotApplicable as refusal:
-        broken = BROKEN.search(str(refusal))
-        if broken:
-            return Complaint(broken[1], [broken[2]], place)
-        return Complaint(_named(steps[place]), CONDITION.findall(str(refusal)), place + 1)
+        if "the plan is stopped" not in str(refusal):
+            reasons = [(named(steps[taken]), text) for text in CONDITION.findall(str(refusal))]
+            # what was started although it was expected to break, too: the validator names one of them
+            reasons += [(named(run), text) for run in kb.state().running for text in run.forced]
+            return Complaint(reasons, taken + 1)
+        reasons = [(named(run), broken.condition) for run in kb.state().running for broken in kb.broken(run)]
+        return Complaint(reasons, taken)
     return None
 
 
-def as_the_validator_says(condition: str, action: str) -> list[str]:
-    """A condition that fails, negative ones as what is true, and constraints on a duration with the parameter."""
+def as_the_validator_says(action: str, condition: str) -> list[str]:
+    """A condition that fails; a negative one as what is true, and some with the parameter of the action."""
     lifted = condition.replace(action.strip("()").split()[-1], "?t")
     negated = condition.removeprefix("(not ").removesuffix(")")
-    return [f"{condition} is false", f"{negated} is true", f"{lifted}: "]
+    return [f"{condition} is false", f"{negated} is true", f"{lifted}: ", f"{lifted} with ?t"]
 
 
-def _named(step: Step) -> str:
+def named(step: Step | Run) -> str:
     return f"({' '.join((step.operator, *step.arguments))})"
 
 
@@ -82,8 +83,10 @@ def test_the_store_and_the_validator_say_the_same_of_a_plan(seed: int, clock: Ma
     if found is None:
         assert diagnostics(*texts, steps) == []
         return
-    done = steps[: found.place]
-    begun = [step for step in done if step.happening is not Happening.END]
+    begun = [step for step in steps[: found.steps] if step.happening is not Happening.END]
     against = diagnostics(*texts, begun)
-    wanted = [text for condition in found.conditions for text in as_the_validator_says(condition, found.action)]
-    assert any(found.action in line and any(text in line for text in wanted) for line in against), (found, against)
+    assert any(
+        action in line and any(text in line for text in as_the_validator_says(action, condition))
+        for action, condition in found.reasons
+        for line in against
+    ), (found, against)

@@ -220,3 +220,62 @@ def test_execution_stops_where_an_invariant_is_broken(rounded: Any):
     step, ended = next(carried_out)
     assert step.happening is END
     assert [broken.condition for broken in ended.broken] == ["(lit)"]
+
+
+TANK = """
+(define (domain tank) (:functions (level))
+  (:durative-action fill :parameters () :duration (<= ?duration 9) :condition (over all (<= (level) 6))
+    :effect (increase (level) (* #t 1)))
+  (:action vent :parameters () :effect (assign (level) 0))
+  (:action knock :parameters () :effect (increase (level) 0)))
+"""
+
+
+@pytest.fixture
+def tank(clock: ManualClock) -> Any:
+    with kbstore.open("sqlite://", clock=clock) as kb:
+        kb.load(TANK)
+        kb.add("(= (level) 0)")
+        yield kb
+
+
+def test_a_later_step_may_prevent_an_expected_break(tank: Any, clock: ManualClock):
+    """O6: the level would be above 6 after 6 s, and is vented before; a validator accepts the plan."""
+    done = execute(tank, read_plan("0: (fill) [8]\n5: (vent)", tank.domain), clock.set)
+    assert [str(step) for step, _ in done] == ["0: start (fill)", "5: apply (vent)", "8: end (fill)"]
+    (run,) = tank.runs()
+    assert run.broken == ()
+    assert run.forced == ("(<= (level) 6)",)
+    assert tank.value("(level)") == 3
+
+
+@pytest.mark.parametrize("plan", ["0: (fill) [8]", "0: (fill) [8]\n7: (vent)", "0: (fill) [10]\n5: (vent)"])
+def test_what_nothing_prevents_is_refused_at_the_start(tank: Any, clock: ManualClock, plan: str):
+    """O6, O7: nothing comes before the break; and a duration that the domain does not allow stays refused."""
+    with pytest.raises(NotApplicable, match=r"\(fill\) is not applicable"):
+        list(execute(tank, read_plan(plan, tank.domain), clock.set))
+    assert tank.runs() == []
+
+
+def test_what_breaks_at_the_end_of_a_run_does_not_stop_the_plan(clock: ManualClock):
+    """O6: two actions end at one time, and the first end breaks what the second needed until then."""
+    domain = """
+    (define (domain d) (:predicates (sealed) (done))
+      (:durative-action hold :parameters () :duration (= ?duration 4)
+        :effect (and (at start (sealed)) (at end (not (sealed)))))
+      (:durative-action cure :parameters () :duration (= ?duration 3) :condition (over all (sealed))
+        :effect (at end (done))))"""
+    with kbstore.open("sqlite://", clock=clock) as kb:
+        kb.load(domain)
+        list(execute(kb, read_plan("0: (hold) [4]\n1: (cure) [3]", kb.domain), clock.set))
+        assert kb.holds("(done)")
+        assert [run.broken for run in kb.runs()] == [(), ()]
+
+
+def test_a_break_that_was_not_prevented_stops_the_plan(tank: Any, clock: ManualClock):
+    """O6: the step before the break does not help; the plan is stopped where the break is on record."""
+    with pytest.raises(NotApplicable, match=r"the plan is stopped: \(fill\) .* needs \(<= \(level\) 6\)"):
+        list(execute(tank, read_plan("0: (fill) [8]\n5: (knock)\n7: (vent)", tank.domain), clock.set))
+    (run,) = tank.runs()
+    assert run.outcome == "running"
+    assert [broken.since for broken in run.broken] == [run.started + seconds(6) + 1]

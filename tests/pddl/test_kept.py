@@ -248,6 +248,24 @@ def test_goals_with_object_fluents_are_added_and_removed(kb: KnowledgeBase):
     assert [str(goal).lower() for goal in kb.goals()] == ["(= (location kenny) hall)"]
 
 
+def test_a_value_of_an_object_fluent_at_a_later_time(kb: KnowledgeBase, clock: ManualClock):
+    """P3, P4: it is scheduled, written at its time from then, replaces the value when it comes, and goes with it."""
+    timed = "(:init (at 5 (= (location kenny) hall)) (at 8.5 (assign (home kenny) den)) (= (location kenny) den)"
+    kb.load(VISITS, VISITS_PROBLEM.replace("(:init (= (location kenny) den)", timed))
+    assert "    (at 5 (= (location kenny) hall))\n    (at 8.5 (= (home kenny) den))\n" in kb.to_pddl()
+    assert read_problem(kb.to_pddl(), kb.domain).timed_values == [
+        (seconds(5), "(location kenny)", "(= (location kenny) hall)"),
+        (seconds("8.5"), "(home kenny)", "(= (home kenny) den)"),
+    ]
+    clock.advance(seconds(5))
+    assert kb.constraints() == ["(= (location kenny) hall)", "(= (home Kenny) hall)"]
+    assert "(at 3.5 (= (home kenny) den))" in kb.to_pddl()
+    assert "(at 5 (= (location kenny) hall))" in kb.to_pddl(at=START)
+    kb.clear()
+    clock.advance(seconds(5))
+    assert kb.constraints() == []
+
+
 def test_a_value_of_an_object_fluent_ends_with_its_objects_and_is_replaced(kb: KnowledgeBase):
     """P4, C9: a problem that is written names no object that it does not declare; a later problem counts."""
     kb.load(VISITS, VISITS_PROBLEM)

@@ -169,6 +169,13 @@ def test_kairos_reads_it_and_its_plan_is_carried_out(kb: KnowledgeBase, clock: M
     assert kb.holds("(at r/1 hall)")
 
 
+def test_a_state_is_written_in_the_same_names(kb: KnowledgeBase):
+    """P5: `State.to_pddl` as `KnowledgeBase.to_pddl`, at any time."""
+    for t in (START, START + seconds(95)):
+        assert kb.state(t).to_pddl(strict_names=True) == kb.to_pddl(t, strict_names=True)
+    assert kb.state().to_pddl(strict_names=False) == kb.to_pddl()
+
+
 def test_the_text_is_read_back(kb: KnowledgeBase):
     """P2, P5: as the same problem in other names."""
     domain, problem = kb.domain_to_pddl(strict_names=True), kb.to_pddl(strict_names=True)

@@ -45,6 +45,7 @@ class State:
     metric: Expression | None = None
     goals: list[Goal] = field(default_factory=list)
     constraints: list[str] = field(default_factory=list)
+    timed_constraints: list[tuple[int, str]] = field(default_factory=list)
     timed_knowledge: list[KnowledgeItem] = field(default_factory=list)
     running: list[Run] = field(default_factory=list)
     end_effects: list[tuple[int, KnowledgeItem, Run]] = field(default_factory=list)

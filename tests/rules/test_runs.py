@@ -46,6 +46,19 @@ def spans(broken):
     ]
 
 
+def test_force_starts_what_cannot_be_foreseen(open_kb):
+    """O6: two moving numbers multiplied; it is NotLinear, and with force it starts, and says what it overruled."""
+    kb = open_kb()
+    kb.load("""
+      (define (domain d) (:functions (x) (y))
+        (:durative-action go :parameters () :duration (= ?duration 10) :condition (over all (<= (* (x) (y)) 100))))
+    """)
+    kb.add("(= (x) 1)", "(= (y) 1)", "(increase (x) (* #t 1))", "(increase (y) (* #t 1))")
+    with pytest.raises(kbstore.NotLinear):
+        kb.start("go")
+    assert kb.start("go", force=True).forced == ("(<= (* (x) (y)) 100)",)
+
+
 # -- O6 -----------------------------------------------------------------------------------------------------------
 
 

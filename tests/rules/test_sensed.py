@@ -2,6 +2,7 @@
 
 import pytest
 
+import kbstore
 from kbstore import Truth, seconds
 from tests.conftest import START
 
@@ -40,6 +41,41 @@ def test_effects_on_what_is_sensed_are_not_written(hall, clock):
     hall.apply("shut")
     assert hall.holds("(and (lit) (not (moving)) (not (inside)) (door_open))")
     assert hall.value("(count)") == 0
+
+
+HEATERS = """
+(define (domain heaters)
+  (:types heater)
+  (:predicates (on ?h - heater) (linked ?h - heater))
+  (:functions (level))
+  (:durative-action warm :parameters (?h - heater) :duration (= ?duration 10)
+    :condition (and (over all (on ?h)) (over all (>= (level) 5)) (over all (exists (?x - heater) (on ?x))))
+    :effect (and (forall (?x - heater) (when (at start (linked ?x)) (at start (on ?x))))
+                 (at start (increase (level) 4)))))
+"""
+
+
+@pytest.mark.parametrize("use_unknowns", [False, True])
+def test_every_unwritten_effect_counts_for_invariants(open_kb, clock, use_unknowns):
+    """O8: conditional ones as decided before the start, those below forall, and numbers; each until it is reported."""
+    kb = open_kb(use_unknowns=use_unknowns)
+    kb.load(HEATERS)
+    kb.add("a - heater", "b - heater", "(linked a)", "(= (level) 3)")
+    for name in ("on", "level"):
+        kb.set_sensed(name, True)
+    with pytest.raises(kbstore.NotApplicable):
+        kb.start("warm", "b")
+    run = kb.start("warm", "a")
+    kb.remove("(linked a)")
+    at(clock, 4)
+    assert kb.broken(run) == []
+    kb.add("(= (level) 4)")
+    at(clock, 6)
+    kb.add("(= (level) 6)", "(on b)", "(not (on a))")
+    assert [(b.condition, b.since, b.until) for b in kb.broken(run)] == [
+        ("(>= (level) 5)", START + seconds(4), START + seconds(6)),
+        ("(on a)", START + seconds(6), None),
+    ]
 
 
 def test_a_continuous_effect_on_what_is_sensed_does_not_move_it(hall, clock):
