@@ -48,7 +48,7 @@ bench: .venv/bench
 	@touch $@
 
 .venv/dev: .venv/runtime
-	@echo "Installing what the tests need into .venv (about 400 MB more), once."
+	@echo "Installing what the tests need into .venv (about 900 MB more), once."
 	@$(INSTALL) '.[dev]'
 	@touch $@
 

@@ -18,6 +18,9 @@ if TYPE_CHECKING:
 MOST_LANES = 25
 """Lanes that are drawn; of more, the number of the others."""
 
+MOST_BARS = 500
+"""Assertions of a history that are drawn, the latest."""
+
 WIDTH, MARGIN, HEIGHT = 760, 230, 18
 """Pixels of a picture, of its labels, and of a lane."""
 
@@ -57,8 +60,8 @@ class Lane:
     bars: Sequence[Bar]
 
 
-def timeline(lanes: Sequence[Lane], marks: Iterable[tuple[int, str]] = ()) -> str:
-    """Draw lanes over time, with marks across them; nothing where there is nothing to draw."""
+def timeline(lanes: Sequence[Lane], marks: Iterable[tuple[int, str]] = (), note: str = "") -> str:
+    """Draw lanes over time, with marks across them and a note below; nothing where there is nothing to draw."""
     marks = list(marks)
     times = [t for lane in lanes for bar in lane.bars for t in (bar.start, bar.end) if t is not None]
     times += [t for t, _ in marks]
@@ -86,6 +89,8 @@ def timeline(lanes: Sequence[Lane], marks: Iterable[tuple[int, str]] = ()) -> st
     parts.append(_text(max(x(last), WIDTH * 3 / 4), y + 14, isoformat(last), faint=True, anchor="end"))
     if len(lanes) > MOST_LANES:
         parts.append(_text(4, y + 14, f"and {len(lanes) - MOST_LANES:,} more", faint=True))
+    if note:
+        parts.append(_text(4, y + 30, note, faint=True))
     return _svg(y + 2 * HEIGHT, f"a timeline from {isoformat(first)} until {isoformat(last)}", parts)
 
 
@@ -98,7 +103,7 @@ def history_picture(assertions: Sequence["Assertion"]) -> str:
         (by.time for a in assertions for by in (a.recorded, a.ended, a.cancelled, a.superseded) if by), default=0
     )
     lanes: dict[str, list[Bar]] = {}
-    for found in assertions:
+    for found in assertions[-MOST_BARS:]:
         item = found.item
         kind = getattr(item, "knowledge_type", None)
         is_number = kind is KnowledgeType.FUNCTION and not found.is_goal
@@ -113,7 +118,9 @@ def history_picture(assertions: Sequence["Assertion"]) -> str:
                 _values(found) if is_number else None,
             )
         )
-    return timeline([Lane(name, bars) for name, bars in lanes.items()])
+    count = len(assertions)
+    note = f"the latest {MOST_BARS} of {count:,}" if count > MOST_BARS else ""
+    return timeline([Lane(name, bars) for name, bars in lanes.items()], note=note)
 
 
 def diff_picture(diff: "Diff") -> str:

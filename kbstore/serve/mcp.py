@@ -4,6 +4,9 @@ Each tool answers with a few lines of text. Its errors are kbstore's sentences: 
 instead.
 """
 
+import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Annotated, Any
 
 from mcp.server.mcpserver import Context, MCPServer
@@ -96,7 +99,17 @@ def agent_server(kb: KnowledgeBase, *, allow_writes: bool = False) -> MCPServer[
         writing=WRITING if allow_writes else READ_ONLY,
         vocabulary=agent_text.vocabulary(domain),
     )
-    return MCPServer("kbstore", instructions=instructions, tools=found, log_level="ERROR")
+    with host_logging():
+        return MCPServer("kbstore", instructions=instructions, tools=found)
+
+
+@contextmanager
+def host_logging() -> Iterator[None]:
+    """Leave logging as the host has it: the SDK gives the root logger a handler if it has none."""
+    handlers, level = list(logging.root.handlers), logging.root.level
+    yield
+    logging.root.handlers[:] = handlers
+    logging.root.setLevel(level)
 
 
 class PlainTool(Tool):

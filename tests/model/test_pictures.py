@@ -9,7 +9,7 @@ import kbstore
 from kbstore import seconds
 from kbstore.cli.demo.mission import record
 from kbstore.clock import ManualClock
-from kbstore.model.pictures import LONGEST, MARGIN, MOST_LANES, WIDTH, Look
+from kbstore.model.pictures import LONGEST, MARGIN, MOST_BARS, MOST_LANES, WIDTH, Look
 
 SVG = "{http://www.w3.org/2000/svg}"
 NASTY = "<script>alert(1)</script>\"'&"
@@ -105,6 +105,18 @@ def test_what_is_long_is_cut_and_what_is_much_is_counted():
             assert "and 7 more" in words(drawn)
             tips = [each.text for each in drawn.iter(f"{SVG}title")]
             assert f"(p {'x' * 200}3)" in tips
+
+
+def test_a_long_history_is_drawn_from_its_end():
+    """Of thousands of assertions the latest are drawn, and it is said of how many: a notebook stays small."""
+    with kbstore.open("sqlite://", "long", clock=(clock := ManualClock(seconds(9)))) as kb:
+        for value in range(MOST_BARS + 20):
+            kb.add(f"(= (f) {value})")
+            clock.advance(seconds(1))
+        drawn = picture(kb.history("(f)"))
+    assert len(bars(drawn)) == MOST_BARS
+    assert f"the latest {MOST_BARS} of {MOST_BARS + 20}" in words(drawn)
+    assert f"20 to {MOST_BARS + 19}" in words(drawn)
 
 
 def test_hostile_names_are_text():

@@ -1,5 +1,6 @@
 """Tools for agents, called by the SDK's own client: in this process, and in a process of its own."""
 
+import logging
 import re
 import shutil
 import sys
@@ -313,6 +314,32 @@ def test_advice_for_programmers_is_still_given(advice):
     """What is put into other words here is in some message."""
     sources = "".join(path.read_text() for path in (ROOT / "kbstore").rglob("*.py") if "serve" not in path.parts)
     assert advice.partition("(")[0] in sources
+
+
+def test_logging_stays_as_the_host_has_it(kenny, monkeypatch):
+    """A server in a program of somebody else's adds no handler, and changes no level."""
+    monkeypatch.setattr(logging.root, "handlers", [])
+    agent_server(kenny)
+    assert (logging.root.handlers, logging.root.level) == ([], logging.WARNING)
+
+
+def test_many_calls_at_once(kenny):
+    """Calls run in threads; each gets its own answer."""
+
+    async def run():
+        answers = {}
+
+        async def ask(client, percent):
+            answer = await client.call_tool("holds", {"condition": f"(> (battery kenny) {percent})"})
+            answers[percent] = answer.content[0].text.split()[0]
+
+        async with Client(agent_server(kenny)) as client, anyio.create_task_group() as tasks:
+            for percent in range(40):
+                tasks.start_soon(ask, client, percent * 2.5)
+        return answers
+
+    # it is at 63.5
+    assert anyio.run(run) == {n * 2.5: "true" if n * 2.5 < 63.5 else "false" for n in range(40)}
 
 
 @pytest.fixture(scope="module")
