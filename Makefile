@@ -15,7 +15,7 @@ test-browser: .venv/browser
 	@{ command -v chromium && command -v chromedriver; } >/dev/null || [ "$$(id -u)" != 0 ] || ! command -v apt-get >/dev/null || \
 	  { apt-get update -q && apt-get install -q -y --no-install-recommends chromium chromium-driver fonts-dejavu-core; }
 	@if command -v chromium >/dev/null && command -v chromedriver >/dev/null; then \
-	  KBSTORE_TEST_BROWSER=1 $(BIN)/python -m pytest tests/timeline/test_browser.py; \
+	  KBSTORE_TEST_BROWSER=1 $(BIN)/python -m pytest tests/timeline/test_browser.py tests/timeline/test_live.py; \
 	else echo "The page of the timeline is not tested in a browser: install chromium and chromedriver."; fi
 
 test-ros: test-ros1

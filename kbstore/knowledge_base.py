@@ -781,12 +781,9 @@ class KnowledgeBase:
             path: a file to write the page to; one that exists is replaced.
             patterns: only the lanes that match one of these: ``"(robot_at kenny ?)"``, or a word, for everything with
                 that predicate, function, operator or object.
-            since: the begin of the span; None: that of the history.
+            since: the begin of the span; None, or a time before it: that of the history that is kept.
             until: its end; None: the last time of which something is known, or now if that is not far behind it.
             as_of: what was known then is shown first; None: what is known now.
-
-        Raises:
-            HistoryUnavailable: the begin of the history has been archived.
         """
         from kbstore.report.timeline.data import timeline_data
         from kbstore.report.timeline.page import page

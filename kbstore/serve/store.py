@@ -63,7 +63,7 @@ class Store:
         if name not in names:
             there = f"the store has {', '.join(names) or 'none yet'}"
             what = "which knowledge base? give kb=..." if name is None else f"there is no knowledge base {name!r}"
-            raise Refused(404 if name else 422, f"{what}; {there}")
+            raise Refused(422 if name is None else 404, f"{what}; {there}")
         async with self._opening:
             if name not in self._opened:
                 clock, is_reading = self._clock(name), not self._allow_writes

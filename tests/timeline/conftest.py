@@ -38,6 +38,9 @@ class Browser:
         self.driver.get(path.as_uri() + view)
         return self
 
+    def visit(self, address):
+        self.driver.get(address)
+
     def run(self, script, *arguments):
         """Run a script in the page, and return what it returns."""
         return self.driver.execute_script(script, *arguments)

@@ -44,6 +44,51 @@ def test_every_state_follows_from_the_rows(seed):
             assert read(data, number, t - int(data["origin"])) == said(kb.state(t, as_of=tx)), (t, number)
 
 
+@pytest.mark.parametrize("seed", range(8))
+def test_the_states_of_a_span_follow_from_its_rows(seed):
+    """The same from a time within a life on: what was on record then counts, and the time before is not asked for."""
+    with world(seed) as kb:
+        changes = list(kb.changes())
+        since = changes[len(changes) // 2].time
+        data = timeline_data(kb, since=since, expectations=10**6)
+        assert (int(data["origin"]), data["base"]) == (since, max(c.number for c in changes if c.time <= since))
+        for t, tx in pairs(kb, data, 60, seed):
+            number = data["latest"] + 1 if tx is None else tx.number
+            assert read(data, number, t - since) == said(kb.state(t, as_of=tx)), (t, number)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_an_archived_beginning_is_not_shown(seed, tmp_path):
+    """Q7: the timeline begins where the history that is kept does, and is right from there on."""
+    with world(seed, url=f"sqlite:///{tmp_path / 'k.db'}") as kb:
+        changes = list(kb.changes())
+        before = changes[len(changes) // 2].time
+        kb.archive(before, tmp_path / "archive.db")
+        for since in (None, 0):
+            data = timeline_data(kb, since=since, expectations=10**6)
+            assert int(data["origin"]) == before
+        for t, tx in pairs(kb, data, 60, seed):
+            number = data["latest"] + 1 if tx is None else tx.number
+            assert read(data, number, t - before) == said(kb.state(t, as_of=tx)), (t, number)
+        # who recorded what is shown is known, also where that was before
+        known = {tx[0] for tx in data["transactions"]}
+        assert {row[3] for row in data["rows"]} <= known
+        assert str(before) in kb.timeline()
+
+
+def test_the_latest_transactions_are_shown():
+    """With `most`, a long life begins where so many are left."""
+    clock = ManualClock(START)
+    with kbstore.open("sqlite://", "long", clock=clock) as kb:
+        for number in range(20):
+            clock.advance(seconds(1))
+            kb.add(f"(= (f) {number})")
+        data = timeline_data(kb, most=5)
+        assert (data["base"], data["latest"], int(data["origin"])) == (15, 20, START + seconds(15))
+        assert [row[7] for row in data["rows"]] == [14, 15, 16, 17, 18, 19]
+        assert timeline_data(kb, most=20)["base"] == 0
+
+
 def test_rows_say_who_recorded_ended_and_cancelled(kenny):
     """The lab door: scheduled by 1, closed by 11, opened by 14, which also cancelled its closing and set another."""
     data = timeline_data(kenny, ["(open ?)"])

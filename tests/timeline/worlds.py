@@ -112,7 +112,7 @@ def pairs(kb, data, count, seed):
     """Random times, many of them where something changes, with a transaction or None: of the belief."""
     chosen = random.Random(seed)
     origin = int(data["origin"])
-    transactions = [change.transaction for change in kb.changes()]
+    transactions = [change.transaction for change in kb.changes(data["base"])]
     corners = sorted({row[1] for row in (*data["rows"], *data["expected"])} | {row[2] or 0 for row in data["rows"]})
     for _ in range(count):
         t = chosen.choice([chosen.choice(corners) + chosen.choice([-1, 0, 1]), chosen.randrange(data["until"] + 10)])

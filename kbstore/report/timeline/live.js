@@ -42,7 +42,7 @@ source.addEventListener("patch", (event) => take(patched(JSON.parse(event.data))
 source.addEventListener("now", (event) => { data.now = Number(event.data); changed += 1; if (isFollowing) toNow(); else redraw(); });
 
 follow.addEventListener("click", () => setFollowing(!isFollowing));
-canvas.addEventListener("pointerdown", () => setFollowing(false));
+canvas.addEventListener("pointerdown", (event) => { if (event.offsetX >= LABELS) setFollowing(false); });
 document.addEventListener("keydown", (event) => { if (["ArrowLeft", "ArrowRight", ",", "."].includes(event.key)) setFollowing(false); });
 // a link to a moment shows that moment
 setFollowing(!location.hash.includes("t="));

@@ -11,16 +11,15 @@ const CANCELLED = 1;
 const ORDER = ["run", "goal", "fact", "number", "object", "other"];
 let data, NOW, origin, transactions, groups, lanes, cuts, objects;      // what there is to show
 let view, cursor, belief, utc = true, visible = [], asked = [], scroll = 0, chosen = null, wanted = [];
-const closed = new Set(), folded = new Map();      // which groups are folded; and which of the earlier data's were
+const closed = new Set(), folded = new Map();      // the groups that are folded; and what somebody has folded or unfolded
 
 // -- what holds -----------------------------------------------------------------------------------------------
 
 // Take data, the first or, of a page that is live, later ones.
 function absorb(found) {
   data = found; NOW = data.latest + 1; origin = BigInt(data.origin); chosen = null; painted = "";
-  for (const group of groups ?? []) folded.set(`${group.kind} ${group.name}`, closed.has(group));
-  closed.clear();
-  transactions = new Map(data.transactions.map((tx) => [tx[0], tx]));
+  for (const group of groups ?? []) if (closed.has(group) !== group.isFolded) folded.set(`${group.kind} ${group.name}`, closed.has(group));
+  closed.clear(); transactions = new Map(data.transactions.map((tx) => [tx[0], tx]));
   groups = data.groups.map(([kind, name], index) => ({ kind, name, index, lanes: [] }));
   lanes = data.lanes.map(([group, label, objects]) => ({ group: groups[group], label, objects, rows: [], expected: [], runs: [], reached: [], scheduled: {} }));
   cuts = new Map();      // for each belief, the first time of which what is expected differs from what is recorded
@@ -43,7 +42,8 @@ function absorb(found) {
     const isFixed = ({ rows, expected }) => rows.length === 1 && rows[0][INITIAL] <= (data.transactions[0]?.[1] ?? 0) && rows[0][END] === null && !rows[0][RATE] && !expected.length;
     group.isFixed = group.kind === "object" || ((group.kind === "fact" || group.kind === "number") && group.lanes.every(isFixed));
     group.isSingle = group.lanes.length === 1 && !group.isFixed && (group.kind === "fact" || group.kind === "number");
-    if (folded.get(`${group.kind} ${group.name}`) ?? (group.isFixed || (lanes.length > 80 && group.lanes.length > 12))) closed.add(group);
+    group.isFolded = group.isFixed || (lanes.length > 80 && group.lanes.length > 12);
+    if (folded.get(`${group.kind} ${group.name}`) ?? group.isFolded) closed.add(group);
   }
   groups.sort((a, b) => a.isFixed - b.isFixed || ORDER.indexOf(a.kind) - ORDER.indexOf(b.kind) || a.isSingle - b.isSingle || a.index - b.index);
   byId("name").textContent = data.name; document.title = `${data.name} - timeline`;

@@ -1,0 +1,135 @@
+"""The live page in a real browser: what is recorded arrives, and the cursor follows."""
+
+import time
+
+import pytest
+
+import kbstore
+from tests.serve.test_server import running
+
+NASTY = "<img src=x onerror=alert(1)></script><script>document.title='gone'</script>"
+
+
+@pytest.fixture
+def store(tmp_path):
+    with kbstore.open(tmp_path / "k.db", "kenny") as kb:
+        kb.add("(lit hall)", "(lit attic)", "(= (battery) 80)", "(map a b)", client="setup")
+        kb.remove("(lit attic)")
+    return tmp_path / "k.db"
+
+
+@pytest.fixture
+def live(browser, store):
+    """The page, and the knowledge base that is told; nothing has gone wrong, nothing was asked for elsewhere."""
+    browser.errors()
+    browser.requested()
+    with kbstore.open(store, "kenny") as kb, running(store) as address:
+        browser.visit(address)
+        yield browser, kb
+        assert browser.errors() == []
+        asked = {each for each in browser.requested() if not each.startswith(("data:", "about:"))}
+        assert {each.split("/")[2] for each in asked} == {address.split("/")[2]}
+        browser.visit("about:blank")
+
+
+def eventually(is_so):
+    """Wait until something is so; it is within some seconds."""
+    for _ in range(200):
+        if is_so():
+            return True
+        time.sleep(0.05)
+    return False
+
+
+def test_what_is_recorded_arrives(live):
+    """New lanes, ends, transactions: without a reload, and the slider stays at what is known now."""
+    page, kb = live
+    assert eventually(lambda: page.text("#connection") == "live")
+    kb.add("(lit cellar)", client="somebody", note="a new lamp")
+    kb.remove("(lit hall)")
+    assert eventually(lambda: "(lit cellar)" in page.text("#state") and "(lit hall)" not in page.text("#state"))
+    assert page.run("const s = document.querySelector('#asof'); return [s.max, s.value]") == ["5", "5"]
+    assert "(lit cellar)" in [each["text"] for each in page.run("return kbstore.places()")]
+    kb.add("(= (battery) 40)")
+    assert eventually(lambda: "(= (battery) 40)" in page.text("#state"))
+
+
+def test_the_cursor_follows_now_until_it_is_moved(live):
+    """A click leaves it where it is; the button lets it follow again."""
+    page, kb = live
+    first = page.text("#at")
+    assert eventually(lambda: page.text("#at") > first)
+    assert page.run("return document.querySelector('#follow').getAttribute('aria-pressed')") == "true"
+    page.click(page.run("return (view[0] + view[1]) / 2"), "(lit hall)")
+    assert page.run("return document.querySelector('#follow').getAttribute('aria-pressed')") == "false"
+    moved = page.text("#at")
+    kb.remove("(lit hall)")
+    assert eventually(lambda: page.run("return document.querySelector('#asof').max") == "4")
+    assert page.text("#at") == moved
+    assert "(lit hall)" in page.text("#state")
+    page.run("document.querySelector('#follow').click()")
+    assert eventually(lambda: page.text("#at") > moved and "(lit hall)" not in page.text("#state"))
+
+
+def test_who_looks_at_a_belief_goes_on_looking_at_it(live):
+    """New transactions lie to its right."""
+    page, kb = live
+    page.jump(10**9, 1)
+    kb.add("(lit cellar)")
+    assert eventually(lambda: page.run("return document.querySelector('#asof').max") == "4")
+    assert page.run("return document.querySelector('#asof').value") == "1"
+    assert "(lit cellar)" not in page.text("#state")
+
+
+def test_folded_groups_stay_folded(live):
+    """What arrives opens nothing that somebody has closed; a map to which something happens is a map no more."""
+    page, kb = live
+
+    def lanes():
+        return {each["text"] for each in page.run("return kbstore.places()")}
+
+    page.click(None, "lit")
+    assert "(map a b)" not in lanes()
+    kb.add("(lit cellar)", "(map b c)")
+    assert eventually(lambda: "(lit cellar)" in page.text("#state"))
+    assert lanes() & {"(lit hall)", "(lit cellar)", "(map a b)"} == {"(map a b)"}
+
+
+def test_hostile_names_that_arrive_are_text(live):
+    """As in the first picture: they are shown, and do nothing."""
+    page, kb = live
+    kb.add("(<b>bold</b> <i>x</i> &amp)", client=NASTY, note=NASTY)
+    assert eventually(lambda: "(<b>bold</b> <i>x</i> &amp)" in page.text("#state"))
+    page.jump(0, 3)
+    assert NASTY in page.text("#asofText")
+    assert page.run("return document.title") == "kenny - timeline"
+    assert page.run("return document.querySelectorAll('img, b, i:not(.bar)').length") == 0
+
+
+def test_a_list_of_hostile_names_is_text(browser, tmp_path):
+    """Several knowledge bases are listed, each with a link that leads to its page."""
+    for name in (NASTY, "a/b?c&d"):
+        kbstore.open(tmp_path / "k.db", name).close()
+    browser.errors()
+    with running(tmp_path / "k.db") as address:
+        browser.visit(address)
+        assert browser.text("ul").splitlines() == [NASTY, "a/b?c&d"]
+        assert browser.run("return document.querySelectorAll('img, script').length") == 0
+        for number, name in enumerate((NASTY, "a/b?c&d")):
+            browser.visit(address)
+            browser.run("document.querySelectorAll('a')[arguments[0]].click()", number)
+            shown = "return document.querySelector('#name')?.innerText"
+            assert eventually(lambda name=name, shown=shown: browser.run(shown) == name)
+        browser.visit("about:blank")
+    assert browser.errors() == []
+
+
+def test_a_server_that_stops_is_come_back_to(browser, store):
+    """The page says so."""
+    with running(store) as address:
+        browser.visit(address)
+        assert eventually(lambda: browser.text("#connection") == "live")
+    assert eventually(lambda: browser.text("#connection") == "connecting again")
+    browser.visit("about:blank")
+    # that nobody answers is on the console
+    browser.errors()
