@@ -83,7 +83,8 @@ def _failing() -> Iterator[None]:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(0)
     except typer.TyperException as error:
-        _fail(error.format_message())
+        # Python's word for what is wrong with an option's value
+        _fail(error.format_message().replace("Value error, ", ""))
     except (KbStoreError, OSError) as error:
         _fail(one_line(error))
 

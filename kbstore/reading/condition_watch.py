@@ -1,6 +1,7 @@
 """Following a condition: its truth now, and each change of it as it happens (rule Q9)."""
 
 from collections.abc import Iterator, Sequence
+from itertools import pairwise
 
 from kbstore.evaluation.evaluator import Evaluation
 from kbstore.messages import Truth
@@ -55,10 +56,12 @@ class ConditionWatch(Watch[TruthChange]):
             time, number = now.valid_time, now.head.number
             if time != self._seen or number != self._number:
                 self._formula = self._as_formula(repository, now)
-                pieces = self._pieces(repository, self._seen, time + 1)
                 numbers = range(self._number + 1, number + 1)
-                new = self._history.transactions(repository, numbers) if numbers else {}
-                self._found.extend(self._changes(repository, pieces, [new[number] for number in numbers]))
+                found = self._history.transactions(repository, numbers) if numbers else {}
+                new = [found[number] for number in numbers]
+                is_late = now.head.late > self._number
+                pieces = self._believed(repository, time + 1, new if is_late else ())
+                self._found.extend(self._changes(repository, pieces, new))
                 self._seen, self._number, self._truth = time, number, pieces[-1][1]
         return True
 
@@ -72,17 +75,7 @@ class ConditionWatch(Watch[TruthChange]):
     ) -> Iterator[TruthChange]:
         """The changes of the truth within pieces that begin where the last look ended."""
         truth = self._truth
-        if pieces[0][1] is not truth:
-            # of that time itself, or learned later about a time before
-            cause = self._cause(repository, self._seen, pieces[0][1], new)
-            cause = cause or (new[-1] if new else None)
-            time = self._seen if cause is None else max(cause.time, self._seen)
-            before = [piece for piece in pieces if piece[0] <= time]
-            pieces = [(time, before[-1][1]), *pieces[len(before) :]]
-            if pieces[0][1] is not truth:
-                truth = pieces[0][1]
-                yield time, truth, cause
-        for time, value in pieces[1:]:
+        for time, value in pieces:
             if value is not truth:
                 truth = value
                 yield time, value, self._cause(repository, time, value, [tx for tx in new if tx.time == time])
@@ -90,10 +83,8 @@ class ConditionWatch(Watch[TruthChange]):
     def _cause(
         self, repository: Repository, time: int, truth: Truth, transactions: Sequence[Transaction]
     ) -> Transaction | None:
-        """The last of some transactions before which something else was believed of a time; None if there is none."""
+        """The last of some transactions of a time before which something else was believed of it; None if none is."""
         for transaction in reversed(transactions):
-            if transaction.time != time:
-                return transaction
             before = repository.after_transaction(transaction.number - 1, time)
             if self._truth_as_of(repository, before) is not truth:
                 return transaction
@@ -104,11 +95,22 @@ class ConditionWatch(Watch[TruthChange]):
         state = self._reader.state(repository, point)
         return Evaluation(state.snapshot).truth(self._formula)
 
-    def _pieces(self, repository: Repository, since: int, until: int) -> list[Piece]:
+    def _believed(self, repository: Repository, until: int, new: Sequence[Transaction]) -> list[Piece]:
+        """The truth since the last look, of each time as it was believed when that had come (rule L7).
+
+        `new` are the transactions among which late knowledge is.
+        """
+        times = sorted({self._seen, *(transaction.time for transaction in new), until})
+        found: list[Piece] = []
+        for since, end in pairwise(times):
+            found += self._pieces(repository, since, end, None if end == until else end - 1)
+        return found
+
+    def _pieces(self, repository: Repository, since: int, until: int, as_of: int | None = None) -> list[Piece]:
         """The truth throughout a span: each time at which it changes, and the truth from then on."""
         found: dict[int, Truth] = {since: Truth.UNKNOWN}
         for formula, truth in ((self._formula, Truth.TRUE), (Not(self._formula), Truth.FALSE)):
-            for start, end in when_true(self._reader, repository, formula, since, until):
+            for start, end in when_true(self._reader, repository, formula, since, until, as_of):
                 found[start] = truth
                 if end < until:
                     found.setdefault(end, Truth.UNKNOWN)

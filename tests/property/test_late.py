@@ -7,6 +7,8 @@ transaction; and what was read as of one while the story went on is what is read
 from hypothesis import given
 from hypothesis import strategies as st
 
+from kbstore import Truth
+from tests.oracle import Fact
 from tests.property import translation, universe
 from tests.property.test_model import SETTINGS, Agreement
 from tests.property.universe import weighted
@@ -56,10 +58,38 @@ class LateAgreement(Agreement):
             for at, answer in self.believed.get(number, ()):
                 assert translation.answer(self.kb.state(at, transaction)) == answer, (number, at)
         self._compare_histories()
+        self._compare_beliefs(times)
         for change, expected in zip(self.kb.changes(), self.reference.changes(), strict=True):
             assert translation.change(change) == expected
         for first, second in zip(times[::4], times[2::3], strict=False):
             assert translation.difference(self.kb.diff(first, second)) == self.reference.diff(first, second)
+
+    def _compare_beliefs(self, times):
+        """L4: since when each truth of one time was believed, by the truth as of each transaction."""
+        facts = sorted({told.item for told in self._told() if isinstance(told.item, Fact)}, key=str)
+        moments = sorted({event.time for event in self.reference.events})
+        for at in times[::9]:
+            for fact in facts[::2]:
+                if self._cannot_be_meant(fact, at):
+                    continue
+                expected = []
+                for moment in sorted({*moments, *({at} if moments[0] < at <= self._now() else set())}):
+                    truth = self._truth(fact, self.reference.state(at, as_of=moment))
+                    if not expected or expected[-1][2] is not truth:
+                        expected[-1:] = [(expected[-1][0], moment, expected[-1][2])] if expected else []
+                        expected.append((moment, None, truth))
+                assert self.kb.beliefs(translation.sent(fact), at) == expected, (fact, at)
+
+    def _truth(self, fact, answer):
+        """The truth value of a fact in an answer of the reference (rules V2, V3)."""
+        signs = [
+            item.positive
+            for item, _ in answer.facts
+            if isinstance(item, Fact) and item.name == fact.name and item.arguments == fact.arguments
+        ]
+        if signs:
+            return Truth.of(signs[0] == fact.positive)
+        return Truth.UNKNOWN if self.use_unknowns else Truth.of(not fact.positive)
 
 
 steps = st.tuples(universe.late_steps, weighted((2, st.just(True)), (1, st.just(False))))

@@ -175,6 +175,41 @@ def test_a_change_at_the_time_of_the_last_look(kb):
     assert next(watch) == (START, Truth.FALSE, gone)
 
 
+@pytest.mark.parametrize("often", [True, False])
+def test_late_knowledge_is_seen_at_the_time_of_its_transaction(kb, clock, often):
+    """L7, Q9: nobody knew before; whenever somebody looks, and however many transactions lie between two looks."""
+    watch = kb.watch_condition("(raining)", timeout=0)
+
+    def at(t):
+        clock.set(START + seconds(t))
+        return START + seconds(t)
+
+    def look():
+        if often:
+            watch._look()  # as a reader that polls does
+
+    at(5)
+    told = kb.add("(raining)", since=START + seconds(2))
+    look()
+    at(8)
+    gone = kb.remove("(raining)", since=START + seconds(3))
+    look()
+    at(11)
+    kb.add("(raining)", since=START + seconds(1), until=START + seconds(9))
+    look()
+    kb.add("(raining)", initial_time=START + seconds(12))
+    at(14)
+    late = kb.add("(not (raining))", since=START + seconds(13))
+    look()
+    assert list(watch) == [
+        (START, Truth.FALSE, None),
+        (START + seconds(5), Truth.TRUE, told),
+        (START + seconds(8), Truth.FALSE, gone),
+        (START + seconds(12), Truth.TRUE, None),
+        (START + seconds(14), Truth.FALSE, late),
+    ]
+
+
 def test_unknown_is_a_truth_of_its_own(open_kb):
     """Q9, V2: with unknowns there are three."""
     kb = open_kb(use_unknowns=True)
