@@ -15,6 +15,7 @@ from kbstore.writing.change_set import ChangeSet
 from kbstore.writing.handlers import Handlers
 from kbstore.writing.lifespans import Lifespan
 from kbstore.writing.object_handlers import ObjectHandlers, meeting
+from kbstore.writing.past_rates import PastRates
 from kbstore.writing.resolution import NameResolver, Violations
 from kbstore.writing.timeline_state import TimelineState
 
@@ -59,7 +60,10 @@ class LateHandlers:
         on_removed_object: Callable[[str], None],
         since: int,
         until: int | None,
+        *,
+        use_unknowns: bool,
     ) -> None:
+        self._past_rates = PastRates(repository, versions, use_unknowns=use_unknowns)
         self._change_set = change_set
         self._repository = repository
         self._versions = versions
@@ -133,7 +137,7 @@ class LateHandlers:
         violations += self._meetings(state, value, end)
         if not violations:
             ((state, value),) = checks.puts
-            self._change_set.past.put(state, value, self._since, self._until)
+            self._change_set.past.put(state, value, self._since, self._until, self._past_rates)
         return tuple(dict.fromkeys(violations))
 
     def _checks(self, symbols: SymbolTable) -> "_Checks":

@@ -1,15 +1,18 @@
 """The past of timelines within a transaction, and how late knowledge changes it (rules L2 to L6)."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from kbstore.clock import OPEN
 from kbstore.messages import KnowledgeType
+from kbstore.model.formulas import Atom
 from kbstore.model.timelines import EndCause, Value
 from kbstore.storage.records import KnownAssertion
 from kbstore.storage.repository import Repository
 from kbstore.writing.lifespans import Lifespan, joined, lost_time
+from kbstore.writing.past_rates import PastRates
 from kbstore.writing.pieces import Ended, Piece, cut, is_carried_on, next_change, numbers_in
 from kbstore.writing.timeline_state import KnownPast, TimelineState
 
@@ -73,8 +76,11 @@ class Past:
         ends = [end for about in self._objects(state, value) for _, end, _ in self.existences(about) if end > since]
         return min([following, *state.ahead, *ends])
 
-    def put(self, state: TimelineState, value: Value, since: int, until: int | None) -> None:
-        """Let a value hold since a time: until a time, or until the next beginning or end."""
+    def put(self, state: TimelineState, value: Value, since: int, until: int | None, rates: PastRates) -> None:
+        """Let a value hold since a time: until a time, or until the next beginning or end.
+
+        `rates` has what runs added to the rate of a number where it was undefined.
+        """
         kind = state.timeline.kind
         end = self.end_of(state, value, since)
         pieces = self.known(state, since)
@@ -83,7 +89,9 @@ class Past:
         span = [piece for piece in pieces if piece.overlaps(since, end)]
         late = [Piece(since, end, value)]
         if kind is KnowledgeType.FUNCTION:
-            late = numbers_in([*pieces, *self._taken_away(state, since, end)], value, since, end)
+            known = [*pieces, *self._taken_away(state, since, end)]
+            known += self._undefined(state, known, since, end, rates)
+            late = numbers_in(known, value, since, end)
         before = next((piece for piece in pieces if piece.end == since), None)
         began = [piece for piece in span if before is None or not is_carried_on(before, piece, kind)]
         if _is_known(kind, began if until is None else span, late, since, until):
@@ -195,6 +203,20 @@ class Past:
         superseded = sorted((row for row in rows if row.superseded), key=lambda row: row.superseded or 0, reverse=True)
         pieces = [Piece(row.initial_time, row.end_time, row.value) for row in superseded]
         return [_piece(row, OPEN) for row in state.past.rows] + pieces
+
+    def _undefined(
+        self, state: TimelineState, known: Sequence[Piece], start: int, end: int, rates: PastRates
+    ) -> Iterator[Piece]:
+        """Yield what runs added to the rate of a number in a span, as pieces, where none of `known` covers it."""
+        name, *arguments = state.timeline.keys
+        last = min(end, self._now)
+        edges = {start, last, *(t for piece in known for t in (piece.start, piece.end))}
+        for first, following in pairwise(sorted(t for t in edges if start <= t <= last)):
+            if not any(piece.overlaps(first, following) for piece in known):
+                added = rates.added(Atom(name, tuple(arguments)), first, following)
+                ends = [t for t, _ in added[1:]] + [following]
+                for (t, rate), until in zip(added, ends, strict=True):
+                    yield Piece(t, until, (False, 0.0, 0.0, rate))
 
     def exists_throughout(self, state: TimelineState, since: int, until: int) -> bool:
         """Return whether an object exists in all of a span."""

@@ -306,7 +306,14 @@ class OpenTransaction:
         if span[0] < head.history_from:
             raise self._reader.resolver.archived(f"what has held since {isoformat(span[0])}", head)
         versions = self._versions()
-        late = LateHandlers(self._change_set, self._repository, versions, self._executor.abort_with, *span)
+        late = LateHandlers(
+            self._change_set,
+            self._repository,
+            versions,
+            self._executor.abort_with,
+            *span,
+            use_unknowns=self._reader.use_unknowns,
+        )
         return late, next(symbols for start, symbols in reversed(versions) if start <= span[0])
 
     def _versions(self) -> list[Version]:

@@ -122,7 +122,7 @@ told = weighted(
     (1, facts.map(lambda item: Update("remove", item))),
     (5, numbers.map(lambda item: Update("add", item))),
     (1, changes.map(lambda item: Update("add", item))),
-    (1, numbers.map(lambda item: Update("remove", item))),
+    (2, numbers.map(lambda item: Update("remove", item))),
 )
 names = st.sampled_from([action.name for action in ACTIONS])
 lengths = st.integers(1, 12)

@@ -98,6 +98,39 @@ def test_a_rate_follows_a_schedule_by_the_clock_alone(tanks, clock):
     assert tanks.when("(= (level a) 13)", START, START + seconds(50)) == [(START + seconds(7), START + seconds(50))]
 
 
+def test_a_number_told_late_moves_as_runs_would_have_moved_it(tanks, clock):
+    """L6, L7: also where it had no value: 1 a second from 3 s and 3 from 4 s, whatever is learned of that later."""
+    run = tanks.start("fill", "a")
+    tanks.add("(= (inflow a) 3)", initial_time=START + seconds(4))
+    at(clock, 2)
+    tanks.remove("(level a)")
+    at(clock, 6)
+    tanks.add("(= (inflow a) 5)")
+    at(clock, 7)
+    tanks.add("(= (inflow a) 100)", since=START + seconds(3), until=START + seconds(5))
+    at(clock, 8)
+    tanks.add("(= (level a) 10)", since=START + seconds(3))
+    assert level(tanks, 1, 3, 4, 6, 8, 9) == [1, 10, 11, 17, 27, 32]
+    at(clock, 9)
+    tanks.abort(run)
+    tanks.remove("(level a)")
+    at(clock, 12)
+    tanks.add("(= (level a) 0)", since=START + seconds(10))
+    assert level(tanks, 8, 10, 12) == [27, 0, 0]
+
+
+def test_a_number_told_late_stands_still_where_a_rate_had_no_value(tanks, clock):
+    """O5, L6: nothing was added to it there, and 2 a second once the rate had a value again."""
+    tanks.start("fill", "a")
+    at(clock, 2)
+    tanks.remove("(inflow a)")
+    at(clock, 6)
+    tanks.add("(= (inflow a) 2)")
+    at(clock, 8)
+    tanks.add("(= (level a) 10)", since=START + seconds(3))
+    assert level(tanks, 1, 3, 6, 8, 9) == [1, 10, 10, 14, 16]
+
+
 def test_a_schedule_that_is_taken_back_is_not_followed(tanks, clock):
     """O5: what had been derived from it is derived anew."""
     tanks.start("fill", "a")
