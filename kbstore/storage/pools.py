@@ -66,7 +66,8 @@ class ServerConnections(PooledConnections):
     def _take(self) -> StoreConnection:
         try:
             return self._pool.get(self._options)
-        except DBAPIError as error:
+        except (DBAPIError, self.engine.dialect.loaded_dbapi.Error) as error:
+            # of a connection that kbstore makes itself, SQLAlchemy does not wrap what goes wrong
             raise self.failure(error) from error
 
     def _return(self, connection: StoreConnection) -> None:

@@ -56,6 +56,12 @@ def blocks(document):
     ]
 
 
+def sql_under(document, heading):
+    """The texts of the blocks of SQL under a heading, in order."""
+    under = [block for block in blocks(document) if block.language == "sql"]
+    return [block.text for block in under if re.findall(r"^## (.*)$", block.before, re.MULTILINE)[-1] == heading]
+
+
 class Reader:
     """Somebody who types what a document says, and saves what it says to save.
 

@@ -1,12 +1,14 @@
 """The roles of docs/operations.md, made by its own statements: each can do what it is for, and nothing else."""
 
+import re
+
 import psycopg
 import pytest
 import sqlalchemy as sa
 
 import kbstore
-from kbstore.storage import schema
-from tests.docs.blocks import ROOT, blocks
+from kbstore.storage import schema, tables
+from tests.docs.blocks import ROOT, sql_under
 
 ROLES = ("kbstore_owner", "kbstore_robot", "kbstore_service", "kbstore_analyst")
 
@@ -16,7 +18,7 @@ def server(empty_database):
     """The URLs of a database, by role, on which the statements of the page have been run."""
     url = sa.make_url(empty_database)
     by_role = {role: url.set(username=role) for role in ROLES}
-    before, after = (block.text for block in blocks(ROOT / "docs" / "operations.md") if block.language == "sql")
+    before, after = sql_under(ROOT / "docs" / "operations.md", "Roles on PostgreSQL")
     with psycopg.connect(_driver(url), autocommit=True) as admin:
         for statements in (before, None, after):
             if statements is None:
@@ -66,3 +68,12 @@ def test_no_role_can_do_more(server):
             pytest.raises(psycopg.errors.InsufficientPrivilege),
         ):
             connection.execute(statement)
+
+
+def test_every_table_is_distributed():
+    """The statements for Citus name each table, distributed by the knowledge base, but for the directory."""
+    page = (ROOT / "docs" / "operations.md").read_text(encoding="utf-8")
+    distributed = re.findall(r"create_distributed_table\('(\w+)', 'kb_id'", page)
+    references = re.findall(r"create_reference_table\('(\w+)'\)", page)
+    assert references == ["knowledge_bases"]
+    assert sorted([*distributed, *references]) == sorted(tables.metadata.tables)
