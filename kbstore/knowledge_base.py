@@ -403,8 +403,7 @@ class KnowledgeBase:
 
     def state(self, at: TimeLike | None = None, as_of: AsOf | None = None) -> State:
         """Return the state at a time; with `as_of` (a time or a `Transaction`), as it was believed then."""
-        with self._reader.repository() as repository:
-            return self._reader.state(repository, self._reader.resolver.resolve(repository, at, as_of))
+        return self._reader.state_at(at, as_of)
 
     def truth(self, question: Question, at: TimeLike | None = None, as_of: AsOf | None = None) -> Truth:
         """The truth value of a fact or condition at a time."""

@@ -5,11 +5,11 @@ from contextlib import contextmanager
 from copy import copy
 from typing import TYPE_CHECKING, NamedTuple
 
-from kbstore.clock import OPEN, SECOND, Clock
+from kbstore.clock import OPEN, SECOND, TIME_LIMIT, Clock, TimeLike
 from kbstore.evaluation.snapshot import Snapshot, StateRow
 from kbstore.messages import Condition, KnowledgeItem, KnowledgeType
 from kbstore.model.domain import Domain
-from kbstore.model.results import Broken, Explanation, Run
+from kbstore.model.results import AsOf, Broken, Explanation, Run
 from kbstore.model.symbols import SymbolTable
 from kbstore.model.timelines import Role
 from kbstore.names import key
@@ -126,6 +126,14 @@ class Reader:
                 return LazyState(repository, point.valid_time, domain, use_unknowns=self.use_unknowns)
             return past.snapshot
         return self._data(repository, point, domain).snapshot
+
+    def state_at(self, at: TimeLike | None, as_of: AsOf | None) -> State:
+        """The state that a question means."""
+        with self.repository() as repository:
+            t = at if isinstance(at, int) and as_of is None and 0 <= at < TIME_LIMIT else None
+            if t is not None and self.database.dialect == "postgresql" and self._states.find(t) is None:
+                repository.read_state(t)
+            return self.state(repository, self.resolver.resolve(repository, at, as_of))
 
     def state(self, repository: Repository, point: TemporalPoint) -> State:
         """The state at a point."""

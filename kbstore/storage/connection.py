@@ -124,6 +124,10 @@ class StoreConnection(ABC):
             raise self._failure(error) from error
         return row
 
+    def all_at_once(self, reads: Sequence[tuple[Statement, Parameters]]) -> list[list[SqlRow]]:
+        """All rows of several statements; from a server, in one trip."""
+        return [self.all(statement, parameters) for statement, parameters in reads]
+
     def lock_row(self, statement: Statement, parameters: Parameters) -> SqlRow | None:
         """The first row of a statement that may wait for a lock; a long wait is logged."""
         started = time.monotonic()

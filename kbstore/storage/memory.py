@@ -45,6 +45,7 @@ class Progress:
     Attributes:
         seen: the last transaction that has been seen.
         acknowledged: the last of this process's own.
+        present: which kinds of rows there were then, as in `Head`.
         returns: how often the store has gone back.
         is_gone: whether it has gone back to before the knowledge base was made.
     """
@@ -52,6 +53,7 @@ class Progress:
     def __init__(self) -> None:
         self.seen = Mark(0, 0)
         self.acknowledged: Mark | None = None
+        self.present = 0
         self.returns = 0
         self.is_gone = False
         self.forgetting: list[Callable[[], None]] = []

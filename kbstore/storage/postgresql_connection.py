@@ -23,6 +23,8 @@ _ROWS = 2000
 
 _DATABASE = "SELECT oid, pg_postmaster_start_time() FROM pg_database WHERE datname = current_database()"
 
+_READING = "BEGIN ISOLATION LEVEL REPEATABLE READ READ ONLY"
+
 _plain = attrgetter("postgresql")
 
 _BEFORE = r"(\b(?:FROM|JOIN|INTO|UPDATE|USING|ANALYZE)|,)(\s+)"
@@ -54,6 +56,8 @@ class PostgresqlConnection(StoreConnection):
     def __init__(self, driver: Any, options: Options, error: type[Exception]) -> None:
         """`error` is the root of the driver's errors."""
         super().__init__(driver, options, error, _plain)
+        self._is_waiting = False
+        """Whether a transaction is begun with the next statement."""
         self._patience: float | None = getattr(driver, "answer_timeout", None)
         self.lend(options)
 
@@ -110,13 +114,60 @@ class PostgresqlConnection(StoreConnection):
         except self._error as error:
             raise self._failure(error) from error
 
+    def begin(self, *, write: bool) -> None:
+        """Begin a transaction: for writing, or on one snapshot of the store.
+
+        A transaction for reading is begun with its first statement, in one trip to the server.
+        """
+        if write or self._executing is not self.driver:
+            super().begin(write=write)
+            return
+        self._has_written = False
+        self.in_transaction = True
+        self._is_waiting = True
+        self._execute, self._cursor = self._begin_and_execute, self._begin_and_cursor
+
+    def _begin_and_execute(self, text: str, parameters: Parameters) -> Any:
+        self._has_begun()
+        with self.driver.pipeline():
+            self._execute(_READING)
+            return self._execute(text, parameters)
+
+    def _begin_and_cursor(self, name: str) -> Any:
+        self._has_begun()
+        self._execute(_READING)
+        return self._cursor(name=name)
+
+    def _has_begun(self) -> None:
+        self._is_waiting = False
+        self._execute, self._cursor = self.driver.execute, self.driver.cursor
+
+    def _must_roll_back(self) -> bool:
+        """Return whether the server has been told of the transaction."""
+        was_waiting, self._is_waiting = self._is_waiting, False
+        return not was_waiting
+
+    def all_at_once(self, reads: Sequence[tuple[Statement, Parameters]]) -> list[list[SqlRow]]:
+        """All rows of several statements, in one trip to the server."""
+        if len(reads) < 2 or self._executing is not self.driver:
+            return super().all_at_once(reads)
+        try:
+            with self.driver.pipeline():
+                if self._is_waiting:
+                    self._has_begun()
+                    self._execute(_READING)
+                answers = [self._execute(self._text(statement), parameters) for statement, parameters in reads]
+            return [answer.fetchall() for answer in answers]
+        except self._error as error:
+            raise self._failure(error) from error
+
     def _beginning(self, *, write: bool) -> tuple[str, dict[str, Any]]:
         """The settings of the transaction are in the same message.
 
         Whether a server may be written to is left to the server (a standby, `default_transaction_read_only`).
         """
         if not write:
-            return "BEGIN ISOLATION LEVEL REPEATABLE READ READ ONLY", {}
+            return _READING, {}
         if self.options.read_only:
             return "BEGIN ISOLATION LEVEL READ COMMITTED READ ONLY", {}
         # 0 would be for ever

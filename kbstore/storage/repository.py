@@ -53,6 +53,7 @@ class Repository:
         self._cache = memory.timelines
         self._positions: dict[LogPosition, dict[str, Any]] = {}
         self._head: Head | None = None
+        self._read_ahead: dict[tuple[KnowledgeType, LogPosition], list[SqlRow]] = {}
 
     # -- the record -------------------------------------------------------------------------------------------
 
@@ -60,12 +61,17 @@ class Repository:
         """Return the head in this snapshot; `for_update` makes other writers of this knowledge base wait."""
         if self._head is None or for_update:
             read = self._connection.lock_row if for_update else self._connection.first
-            row = read(queries.head_for_update if for_update else queries.head, {"kb": self._kb})
-            if row is None:
-                raise self._memory.gone()
-            self._head = Head._make(row)
-            self._look(Mark(self._head.number, self._head.token))
+            return self._see(read(queries.head_for_update if for_update else queries.head, {"kb": self._kb}))
         return self._head
+
+    def _see(self, row: SqlRow | None) -> Head:
+        """Take a row as the head in this snapshot."""
+        if row is None:
+            raise self._memory.gone()
+        head = self._head = Head._make(row)
+        self._look(Mark(head.number, head.token))
+        self._memory.progress.present = head.present
+        return head
 
     def _has_gone_back(self) -> bool:
         """Return whether the store has gone back since this was made, by its head as it is now."""
@@ -219,10 +225,22 @@ class Repository:
 
     # -- states -----------------------------------------------------------------------------------------------
 
+    def read_state(self, t: int) -> None:
+        """Read the head and what holds at a time in one trip to a server, for `head` and `state_at` to answer by."""
+        position = LogPosition(t)
+        kinds = [kind for kind in KnowledgeType if self._memory.progress.present >> kind & 1]
+        reads = [(for_kind[kind].standing, self._at(position)) for kind in kinds]
+        heads, *found = self._connection.all_at_once([(queries.head, {"kb": self._kb}), *reads])
+        self._see(heads[0] if heads else None)
+        self._read_ahead = {(kind, position): rows for kind, rows in zip(kinds, found, strict=True)}
+
     def state_at(self, kind: KnowledgeType, position: LogPosition) -> list[StateRow]:
         """The assertions of a knowledge type that hold at a position in the record."""
         if not self._has(kind):
             return []
+        known = self._read_ahead.get((kind, position))
+        if known is not None:
+            return self._standing(kind, known)
         statements, parameters = for_kind[kind], self._at(position)
         if position.number is None:
             return self._standing(kind, self._connection.all(statements.standing, parameters))

@@ -48,7 +48,11 @@ def read(source):
 
 
 class Pooler:
-    """Listens on a port of this host. `transactions` counts those that were moved to another server connection."""
+    """Listens on a port of this host.
+
+    `transactions` counts those that were moved to another server connection, `trips` how often the server was waited
+    for.
+    """
 
     def __init__(self, address, count=2):
         self._address = address
@@ -57,6 +61,7 @@ class Pooler:
         self._lock = threading.Lock()
         self._turn = 0
         self.transactions = 0
+        self.trips = 0
         self._listener = socket.create_server(("127.0.0.1", 0))
         self.port = self._listener.getsockname()[1]
         threading.Thread(target=self._listen, daemon=True).start()
@@ -89,8 +94,7 @@ class Pooler:
                     self.transactions += 1
                     self._transaction(client, self._servers[self._turn % self._count].socket, first)
 
-    @staticmethod
-    def _transaction(client, server, message):
+    def _transaction(self, client, server, message):
         """All that is said until the server is idle again; whoever leaves in the middle is rolled back."""
         # the server answers each query and each sync by being ready
         waiting = 0
@@ -105,6 +109,7 @@ class Pooler:
                     kind, data = read(server)
                     client.sendall(data)
                     waiting -= kind == b"Z"
+                    self.trips += kind == b"Z"
                     if kind == b"Z" and not waiting and data[5:6] == _IDLE:
                         return
                 message = read(client)

@@ -131,3 +131,31 @@ def test_a_day_behind_a_pooler(pooled_url):
         assert len(kb.history("(open hall)")) == 12
         assert len(list(kb.changes())) == 26
         assert kb.state() is not None
+
+
+def test_a_state_takes_two_trips_to_the_server(postgresql_url):
+    """What stands is read with the head and the beginning of the transaction; its end is the second trip."""
+    if not server_is_ours(postgresql_url):
+        pytest.skip("the server is not in this file system")
+    with pooled(postgresql_url) as (url, pooler):
+        clock = kbstore.ManualClock(10**18)
+        with kbstore.open(url, "trips", clock=clock) as kb:
+            kb.load(
+                "(define (domain d) (:types robot) (:predicates (p ?r - robot) (q ?r - robot)) (:functions (f ?r)))"
+            )
+            kb.add("r - robot", "(p r)", "(= (f r) 1)")
+            clock.advance(kbstore.seconds(10))
+            kb.add("(q r)")
+            first = 10**18 + 1
+            kb.state(at=first)
+            before = pooler.trips
+            state = kb.state(at=first + 1)
+            assert pooler.trips - before == 2
+            assert [str(item) for item in (*state.instances, *state.facts, *state.functions)] == [
+                "r - robot",
+                "(p r)",
+                "(= (f r) 1)",
+            ]
+            before = pooler.trips
+            assert kb.holds("(and (p r) (q r))")
+            assert pooler.trips - before <= 4
