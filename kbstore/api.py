@@ -6,8 +6,8 @@ from sqlalchemy import Engine
 from sqlalchemy.engine import URL
 
 from kbstore.clock import Clock, DurationLike, duration
-from kbstore.errors import InvalidKnowledge
 from kbstore.knowledge_base import KnowledgeBase
+from kbstore.names import check_knowledge_base
 from kbstore.reading.resolver import MAX_STEP, TOLERANCE
 from kbstore.storage import directory
 from kbstore.storage import schema as schemas
@@ -57,10 +57,7 @@ def open(
         StoreUnavailable: the database cannot be reached.
         InvalidKnowledge: it was created with another `use_unknowns`, or the name cannot be one.
     """
-    if not isinstance(name, str) or not name.strip() or not name.isprintable():
-        raise InvalidKnowledge(
-            f"{name!r:.80} cannot be the name of a knowledge base; give printable text, like 'kenny'"
-        )
+    check_knowledge_base(name)
     database = Database(url, durability=durability, read_only=read_only, busy_timeout=busy_timeout, schema=schema)
     try:
         with database.wrap_errors():

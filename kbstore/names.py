@@ -98,6 +98,14 @@ def check(name: str, what: str) -> None:
         raise InvalidKnowledge(f"the {what} name {_shown(name)} {wrong}")
 
 
+def check_knowledge_base(name: str) -> None:
+    """Raise `InvalidKnowledge` if it cannot be the name of a knowledge base."""
+    if not isinstance(name, str) or not name.strip() or not name.isprintable():
+        raise InvalidKnowledge(
+            f"{name!r:.80} cannot be the name of a knowledge base; give printable text, like 'kenny'"
+        )
+
+
 _UNSTORABLE = re.compile("[\x00\ud800-\udfff]")
 
 

@@ -10,9 +10,14 @@ from pathlib import Path
 from typing import IO
 
 from kbstore.errors import InvalidKnowledge, KbStoreError, StoreUnavailable
+from kbstore.names import check_knowledge_base
+from kbstore.storage import directory
+from kbstore.transfer.consistency import contradictions
+from kbstore.transfer.content import Content
 from kbstore.transfer.jsonl import JsonLinesReader, JsonLinesWriter
 from kbstore.transfer.queries import by_table
-from kbstore.transfer.rows import Progress, RowSource, RowTarget, Steps, Store, batches, new_file, opened
+from kbstore.transfer.rows import Progress, RowSource, RowTarget, Steps, Store, batches, copy, new_file, opened
+from kbstore.transfer.scratch import Scratch, scratch
 
 File = str | os.PathLike[str] | IO[bytes]
 """A path, or a file that is open in binary mode."""
@@ -56,20 +61,22 @@ def _export(source: RowSource, output: IO[bytes], progress: Progress | None) -> 
 def import_knowledge_base(url: Store, file: File, name: str | None = None, *, progress: Progress | None = None) -> str:
     """Restore a knowledge base that was exported, with every time, transaction, run and cancellation as it was.
 
-    All or nothing: one transaction, under the write lock, which on SQLite keeps other writers of the store waiting.
+    The file is judged as a whole before a row is stored: its rows wait in a temporary file (`TMPDIR`), which takes
+    about as much room as they do in an SQLite store. They are stored in one transaction, under the write lock, which on
+    SQLite keeps other writers of the store waiting.
 
     Args:
         url: the store; an empty database is set up.
         file: a path, or a file open in binary mode.
         name: the name in this store; None: the one that it had.
-        progress: called repeatedly with the number of rows read and the total.
+        progress: called repeatedly with the number of steps done and the total; each row takes two.
 
     Returns:
         The name under which it was stored.
 
     Raises:
-        InvalidKnowledge: the store has a knowledge base of that name, or the file is not an export, was cut off or was
-            altered; the message names the line.
+        InvalidKnowledge: the store has a knowledge base of that name, or the file is not an export, was cut off or
+            altered, or says what no store can hold; the message names the line.
         SchemaTooNew: the file was written by a newer kbstore.
         StoreUnavailable: the store or the file cannot be reached.
     """
@@ -77,18 +84,39 @@ def import_knowledge_base(url: Store, file: File, name: str | None = None, *, pr
         lines = JsonLinesReader(stream, label)
         header = lines.header()
         name = header["name"] if name is None else name
-        with opened(url, writing=True) as database, database.begin() as session:
-            target = RowTarget(session, name, use_unknowns=header["use_unknowns"])
-            if not target.is_new:
-                raise InvalidKnowledge(f"the store has a knowledge base {name!r}; import this one under another name")
-            steps = Steps(progress, sum(header["rows"].values()))
-            for table in by_table:
-                for records in batches(lines.records(table)):
-                    target.add(table, records)
-                    steps(len(records))
-            lines.end()
-            target.put_head(lines.head)
+        check_knowledge_base(name)
+        # each row is read and written twice: into the scratch file, and into the store
+        steps = Steps(progress, 2 * sum(header["rows"].values()))
+        with opened(url, writing=True) as database:
+            with database.connect() as session:
+                _refuse_known(name, is_known=directory.find(session, name) is not None)
+            with scratch(header["rows"], use_unknowns=header["use_unknowns"]) as rows:
+                _judge(lines, rows, steps)
+                with database.begin() as session:
+                    target = RowTarget(session, name, use_unknowns=header["use_unknowns"])
+                    _refuse_known(name, is_known=not target.is_new)
+                    copy(rows.source(), target, steps)
+                    target.put_head(lines.head)
     return name
+
+
+def _refuse_known(name: str, *, is_known: bool) -> None:
+    if is_known:
+        raise InvalidKnowledge(f"the store has a knowledge base {name!r}; import this one under another name")
+
+
+def _judge(lines: JsonLinesReader, rows: Scratch, steps: Steps) -> None:
+    """Read all lines into a scratch file. Raises `InvalidKnowledge` for the first that no store could have made."""
+    for table in by_table:
+        for records in batches(lines.records(table)):
+            rows.add(table, records)
+            steps(len(records))
+    lines.end()
+    rows.finish(lines.head)
+    since = lines.head.history_from
+    wrong = next(contradictions(rows, since, lines.gone), None) or next(Content(rows, since).contradictions(), None)
+    if wrong is not None:
+        lines.refuse(rows.line(wrong.table, *wrong.key), wrong.problem)
 
 
 # -- files --------------------------------------------------------------------------------------------------------

@@ -7,7 +7,7 @@ only the number of the knowledge base, and what is derived from other columns, d
 from typing import Any, Final, NamedTuple
 
 import sqlalchemy as sa
-from sqlalchemy import Boolean, Double, Integer, Table, and_, or_, select
+from sqlalchemy import BigInteger, Boolean, Double, Integer, SmallInteger, Table, and_, or_, select
 
 from kbstore.storage import tables
 from kbstore.storage.assertion_queries import HEAD_COLUMNS
@@ -23,6 +23,7 @@ class TransferColumn(NamedTuple):
     name: str
     type: type
     nullable: bool
+    largest: int
 
 
 class TableQueries:
@@ -31,11 +32,12 @@ class TableQueries:
     def __init__(self, table: Table, *chosen: Any, replacing: tuple[str, ...] = ()) -> None:
         """`chosen` says which rows are read, and `replacing` which columns of a row that is there already are written.
 
-        Rows are read in the order of the key, so that nothing is sorted. `rows` are all of the knowledge base.
+        Rows are read in the order of the key, so that nothing is sorted. `rows` are all of the knowledge base; `upto`
+        counts those up to a key.
         """
         self.table = table.name
         self.columns = tuple(
-            TransferColumn(column.name, _python_type(column.type), bool(column.nullable))
+            TransferColumn(column.name, _python_type(column.type), bool(column.nullable), _largest(column.type))
             for column in table.columns
             if column.name not in ("kb_id", *_DERIVED)
         )
@@ -45,6 +47,11 @@ class TableQueries:
         self.chosen = self.rows.where(*chosen)
         self.read = Statement(self.chosen)
         self.count = Statement(select(sa.func.count()).select_from(table).where(table.c.kb_id == KB, *chosen))
+        self.key = tuple(column.name for column in keys)
+        key = sa.tuple_(*(parameter(f"key{place}") for place in range(len(keys))))
+        self.upto = Statement(
+            select(sa.func.count()).select_from(table).where(table.c.kb_id == KB, sa.tuple_(*keys) <= key)
+        )
 
         def add(dialect: str) -> Any:
             added = insert(dialect, table)
@@ -64,6 +71,11 @@ def _python_type(kind: object) -> type:
     if isinstance(kind, Integer):
         return int
     return float if isinstance(kind, Double) else str
+
+
+def _largest(kind: object) -> int:
+    """The largest number that a column of PostgreSQL's holds."""
+    return 2**15 - 1 if isinstance(kind, SmallInteger) else 2**63 - 1 if isinstance(kind, BigInteger) else 2**31 - 1
 
 
 def _changing(table: Table) -> tuple[str, ...]:

@@ -127,7 +127,7 @@ class NameResolver:
         wrong = names.problem(name)
         if wrong:
             yield f"the name {name!r:.60} {wrong}"
-        elif (kind, key(name)) not in self.symbols.shapes and not _can_be_read_back(kind, name, len(arguments)):
+        elif (kind, key(name)) not in self.symbols.shapes and not can_be_read_back(kind, name, len(arguments)):
             yield f"{atom:.200} means something else in PDDL; give the {_SYMBOLS[kind]} another name"
         yield from self.object_violations(atom, arguments, [("object",)] * len(arguments), t)
 
@@ -181,7 +181,7 @@ class NameResolver:
 _SYMBOLS = {KnowledgeType.FACT: "predicate", KnowledgeType.FUNCTION: "function"}
 
 
-def _can_be_read_back(kind: KnowledgeType, name: str, arity: int) -> bool:
+def can_be_read_back(kind: KnowledgeType, name: str, arity: int) -> bool:
     """Return whether PDDL text with an undeclared symbol reads back as itself: ``(and a)`` does not (rule D3)."""
     atom = Atom(name, tuple(f"x{index}" for index in range(arity)))
     text = str(atom) if kind is KnowledgeType.FACT else f"(= {atom} 0)"

@@ -6,7 +6,6 @@ import json
 import random
 import tracemalloc
 from pathlib import Path
-from zlib import crc32
 
 import pytest
 
@@ -15,6 +14,7 @@ from kbstore import InvalidKnowledge, ManualClock, SchemaTooNew, StoreUnavailabl
 from kbstore.transfer import rows as transfer
 from kbstore.transfer.jsonl import VERSION
 from tests.migration import stored_mission
+from tests.transfer.mutations import sealed, unsealed
 from tests.transfer.random_histories import DOMAIN, START, answers, live
 
 
@@ -161,14 +161,16 @@ def test_the_file_may_be_compressed_or_a_pipe(sqlite_url, lived, tmp_path):
 
 
 def test_progress_is_told(sqlite_url, lived):
-    """Progress rises to the number of rows, in both directions."""
-    told = []
-    kbstore.export_knowledge_base(sqlite_url, "lived", io.BytesIO(), progress=lambda *step: told.append(step))
-    kbstore.import_knowledge_base("sqlite://", io.BytesIO(lived), progress=lambda *step: told.append(step))
+    """Progress rises to the number of rows; an import reads each row, and then writes it."""
+    out, back = [], []
+    kbstore.export_knowledge_base(sqlite_url, "lived", io.BytesIO(), progress=lambda *step: out.append(step))
+    kbstore.import_knowledge_base("sqlite://", io.BytesIO(lived), progress=lambda *step: back.append(step))
     rows = lived.count(b"\n") - 2
-    half = len(told) // 2
-    assert told[:half] == told[half:] == sorted(told[:half])
-    assert told[-1] == (rows, rows)
+    assert out == sorted(out)
+    assert out[-1] == (rows, rows)
+    assert back == sorted(back)
+    assert (rows, 2 * rows) in back
+    assert back[-1] == (2 * rows, 2 * rows)
 
 
 # -- refusals -----------------------------------------------------------------------------------------------------
@@ -220,21 +222,9 @@ def test_a_file_that_was_altered(url, lived):
     assert f"line {len(lines) + 1} comes after the last one" in refusal(url, lived + lines[-1])
 
 
-def sealed(lines):
-    """Lines with checksums that fit, as a hostile hand would make them."""
-    seal, text = 0, b""
-    for line in lines:
-        body = (line if isinstance(line, str) else json.dumps(line)).encode()[:-1]
-        seal = crc32(body, seal)
-        text += body + b', "check": "%08x"}\n' % seal
-    return text
-
-
 def changed(lived, table, values):
     """The export with other values in the last row of a table, sealed anew; and the number of that line."""
-    lines = [json.loads(line) for line in lived.splitlines()]
-    for line in lines:
-        del line["check"]
+    lines = unsealed(lived)
     number = max(number for number, line in enumerate(lines) if line.get("table") == table)
     lines[number] = {name: value for name, value in (lines[number] | values).items() if value is not None}
     return sealed(lines), number + 1
