@@ -96,6 +96,8 @@ def harmless(path, header):
         kb.state()
         kb.clear()
         kb.add("new - robot", "(= (battery new) 1)")
+        # while an action runs, a number may become undefined by what its rate reads
+        found = [one for one in found if not (header["rows"]["runs"] and re.match("functions .* should end at", one))]
         return not [one for one in found if not one.startswith(allowed)]
 
 
