@@ -25,6 +25,10 @@ Rule = tuple[Any, str]
 _T, _GONE = parameter("since"), parameter("gone")
 
 
+_RETIRING = (Revision.CANCELLED, Revision.SUPERSEDED, Revision.EMPTIED)
+"""The first of all."""
+
+
 class Contradiction(NamedTuple):
     """A row that no store has: its table, its key, and what is wrong with it."""
 
@@ -85,7 +89,10 @@ def _of_assertions(kind: KnowledgeType, table: Table) -> tuple[Statement, Sequen
     is_superseded = and_(is_retired, not_(has_no_length))
     until = case((is_cancelled, retired.c.recorded_time), else_=row.initial_time)
     has_schedule = schedule.c.recorded_tx.is_not(None)
-    revised = exists().where(_same(tables.revisions, table, "tx=retired_tx", "recorded_tx", "seq"))
+    revised = exists().where(
+        _same(tables.revisions, table, "tx=retired_tx", "recorded_tx", "seq"),
+        tables.revisions.c.what <= constant(max(_RETIRING)),
+    )
     other = table.alias("other")
     told = exists().where(_same(other, table, "recorded_tx=told_tx", "timeline_id"))
     until_late = func.min(row.end_time, retired.c.late_from)
@@ -336,8 +343,6 @@ def _revisions() -> Any:
 
 
 _all_revisions = Statement(_revisions())
-
-_RETIRING = (Revision.CANCELLED, Revision.EMPTIED, Revision.SUPERSEDED)
 
 
 def _revised(scratch: Scratch) -> Iterator[Contradiction]:
