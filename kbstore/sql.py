@@ -40,7 +40,7 @@ from sqlalchemy.sql.operators import OperatorType
 from sqlalchemy.types import TypeEngine
 
 from kbstore.clock import OPEN, TimeLike, time
-from kbstore.storage.schema import VERSION_TABLE
+from kbstore.storage.schema_objects import VERSION_TABLE
 from kbstore.storage.tables import metadata as stored
 
 __all__ = [

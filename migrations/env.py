@@ -17,7 +17,8 @@ from sqlalchemy.exc import DBAPIError
 
 from kbstore.storage import tables
 from kbstore.storage.engine import make_engine
-from kbstore.storage.schema import VERSION_TABLE, connecting
+from kbstore.storage.schema import connecting
+from kbstore.storage.schema_objects import VERSION_TABLE
 
 LOCK = 0x6B6273746F7265
 """The advisory lock of a migration on PostgreSQL: "kbstore" in ASCII."""

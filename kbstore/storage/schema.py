@@ -10,6 +10,7 @@ import shlex
 import sqlite3
 import threading
 import time
+import weakref
 from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager
 from datetime import UTC, datetime
@@ -23,10 +24,11 @@ from sqlalchemy.engine import URL
 from sqlalchemy.exc import DBAPIError
 
 from kbstore.errors import KbStoreError, SchemaOutOfDate, SchemaTooNew, SchemaUnknown, StoreUnavailable, one_line
-from kbstore.storage import tables
+from kbstore.storage import schema_objects, tables
 from kbstore.storage.connection import LOG
 from kbstore.storage.driver_errors import sqlite_code
 from kbstore.storage.engine import make_engine, refuse_schema
+from kbstore.storage.schema_objects import VERSION_TABLE, VIEWS
 from kbstore.storage.statement_events import begin_quietly
 
 if TYPE_CHECKING:
@@ -34,23 +36,6 @@ if TYPE_CHECKING:
 
 HEAD = "0002"
 """The revision of the schema that this kbstore reads and writes."""
-
-VERSION_TABLE = "kbstore_alembic_version"
-"""Not alembic's own default: a service that shares its database with kbstore may have migrations of its own."""
-
-VIEWS = (
-    "transaction_log",
-    "fact_history",
-    "function_history",
-    "instance_history",
-    "goal_history",
-    "current_facts",
-    "current_functions",
-    "current_instances",
-    "current_goals",
-    "run_history",
-)
-"""The views of the schema at its head."""
 
 Store = str | PathLike[str] | URL
 """A store's URL: a SQLAlchemy URL, or the path of an SQLite file."""
@@ -68,6 +53,9 @@ _PATIENCE = 600.0
 # alembic keeps what it is doing in global variables, so that one thread at a time can run it
 _alembic = threading.Lock()
 
+
+_checked: weakref.WeakKeyDictionary[sa.Engine, set[str | None]] = weakref.WeakKeyDictionary()
+"""The schemas of PostgreSQL databases that have been compared, by engine: a pool asks once."""
 
 _blank: list[str] = []
 """The statements that make an empty store, as the migrations left them in this process's first store in memory."""
@@ -99,6 +87,7 @@ def ensure(engine: sa.Engine, *, read_only: bool, schema: str | None = None) -> 
     with _translating(engine), connecting(engine, existing=read_only) as connection:
         stamps = _stamps(connection, schema)
         if stamps == [HEAD]:
+            _refuse_another(connection, schema)
             return
         if not _is_empty(connection, stamps, schema) or read_only:
             raise _refusal(engine, stamps, schema)
@@ -128,6 +117,7 @@ def check(url: Store, *, wait: float = 0, schema: str | None = None) -> None:
                 if stamps != [HEAD]:
                     _is_empty(connection, stamps, schema)
                     raise _refusal(engine, stamps, schema)
+                _refuse_another(connection, schema)
             return
         except (SchemaOutOfDate, StoreUnavailable):
             if time.monotonic() >= deadline:
@@ -218,6 +208,31 @@ def _is_empty(connection: sa.Connection, stamps: Sequence[str] | None, schema: s
             f"{', '.join(taken)}; {way_out}"
         )
     return True
+
+
+def _refuse_another(connection: sa.Connection, schema: str | None) -> None:
+    """Raise `SchemaUnknown` where a database has our revision, and not what the migrations make of it."""
+    engine = connection.engine
+    if engine.dialect.name == "sqlite":
+        if schema_objects.is_as_migrated(connection):
+            return
+        found = schema_objects.in_sqlite(connection)
+        blank = make_engine("sqlite://")
+        with _alembic, connecting(blank) as made:
+            _set_up(made, None)
+            expected = schema_objects.in_sqlite(made)
+        blank.dispose()
+    else:
+        if schema in _checked.setdefault(engine, set()):
+            return
+        found, expected = schema_objects.in_postgresql(connection, schema), schema_objects.for_postgresql()
+    different = schema_objects.differences(found, expected)
+    if different:
+        raise SchemaUnknown(
+            f"{_shown(engine)} has the revision {HEAD}, and not the schema of it: {different}; undo what was done to "
+            "kbstore's tables, or import an export of its knowledge bases into a new store"
+        )
+    _checked.setdefault(engine, set()).add(schema)
 
 
 def _refusal(engine: sa.Engine, stamps: Sequence[str] | None, schema: str | None) -> KbStoreError:

@@ -1,0 +1,178 @@
+"""What a database has of kbstore's schema, compared with what the migrations make.
+
+A store may come from elsewhere: a trigger would run with whoever writes, a view with whoever reads, and without an
+index no answer comes in time. On SQLite the statements that made the schema are compared by a hash, in one query; only
+where that differs are columns, indexes and views compared one by one. On PostgreSQL the catalogue is asked. What is
+beside kbstore's tables is nobody's business here.
+"""
+
+import re
+from collections.abc import Iterator
+from hashlib import sha256
+from typing import Any
+
+import sqlalchemy as sa
+from sqlalchemy.dialects import postgresql
+
+from kbstore.storage import tables
+
+VERSION_TABLE = "kbstore_alembic_version"
+"""Not alembic's own default: a service that shares its database with kbstore may have migrations of its own."""
+
+VIEWS = (
+    "transaction_log",
+    "fact_history",
+    "function_history",
+    "instance_history",
+    "goal_history",
+    "current_facts",
+    "current_functions",
+    "current_instances",
+    "current_goals",
+    "run_history",
+)
+"""The views of the schema at its head."""
+
+_NAMES = frozenset((*tables.metadata.tables, *VIEWS, VERSION_TABLE))
+
+_HASH = "f95045630206cf85b9eff0e2b03d3778d90ae424326570af3781bdc3eab2bbee"
+"""Of the statements that the migrations leave in an SQLite file."""
+
+
+def statements_hash(connection: sa.Connection) -> str:
+    """The hash of all statements that made what an SQLite file has of kbstore's schema, and what is attached to it."""
+    rows = sorted("\0".join(map(str, row)) for row in _of_sqlite(connection))
+    return sha256("\0".join(rows).encode()).hexdigest()
+
+
+def is_as_migrated(connection: sa.Connection) -> bool:
+    """Whether an SQLite file has, to the letter, the schema that the migrations make."""
+    return statements_hash(connection) == _HASH
+
+
+def _of_sqlite(connection: sa.Connection) -> list[Any]:
+    found = connection.exec_driver_sql("SELECT type, name, tbl_name, sql FROM sqlite_master").all()
+    return [row for row in found if row[2].lower() in _NAMES or row[1].lower() in _NAMES]
+
+
+def in_sqlite(connection: sa.Connection) -> set[str]:
+    """What an SQLite file has of kbstore's schema, each in a phrase."""
+    return set(_phrases(connection))
+
+
+def _phrases(connection: sa.Connection) -> Iterator[str]:
+    for kind, name, table, sql in _of_sqlite(connection):
+        quoted = name.replace("'", "''")
+        if kind == "table":
+            yield from (f"table {name} with a {word}" for word in ("CHECK", "COLLATE") if word in sql.upper())
+            columns = connection.exec_driver_sql(f"SELECT * FROM pragma_table_xinfo('{quoted}')")
+            for _, column, type_name, required, default, key, hidden in columns:
+                more = f"{' NOT NULL' * required}{'' if default is None else f' DEFAULT {default}'}{' hidden' * hidden}"
+                yield f"column {name}.{column} {type_name}{more}{f' in place {key} of the key' if key else ''}"
+        elif kind == "index" and sql is not None:
+            columns = connection.exec_driver_sql(
+                f"SELECT name, \"desc\", coll FROM pragma_index_xinfo('{quoted}') WHERE key"
+            )
+            unique = " UNIQUE" * bool(re.match(r"\s*CREATE\s+UNIQUE", sql, re.IGNORECASE))
+            _, _, where = sql.partition(" WHERE ")
+            yield f"index {name} ON {table} {[tuple(column) for column in columns]}{unique} {where}".strip()
+        elif kind == "view":
+            yield f"view {name} AS {sha256(' '.join(sql.split()).encode()).hexdigest()[:12]}"
+        elif kind == "trigger":
+            yield f"trigger {name} on {table}"
+
+
+# -- PostgreSQL ---------------------------------------------------------------------------------------------------
+
+_CATALOGUE = sa.text(
+    """
+    WITH place AS (
+      SELECT relnamespace FROM pg_class WHERE oid = to_regclass(:place)
+    ), own AS (
+      SELECT c.oid, c.relname, c.relkind FROM pg_class c JOIN place p ON c.relnamespace = p.relnamespace
+      WHERE c.relname = ANY(:names)
+    )
+    SELECT CASE WHEN relkind IN ('r', 'p') THEN 'table ' WHEN relkind = 'v' THEN 'view ' ELSE 'relation ' END || relname
+    FROM own
+    UNION ALL
+    SELECT 'column ' || o.relname || '.' || a.attname || ' ' || format_type(a.atttypid, a.atttypmod)
+      || CASE WHEN a.attnotnull THEN ' NOT NULL' ELSE '' END || CASE WHEN a.atthasdef THEN ' DEFAULT' ELSE '' END
+    FROM own o JOIN pg_attribute a ON a.attrelid = o.oid
+    WHERE a.attnum > 0 AND NOT a.attisdropped AND o.relkind <> 'v'
+    UNION ALL
+    SELECT 'index ' || i.relname || ' ON ' || o.relname || ' ('
+      || (SELECT string_agg(coalesce(a.attname, '?'), ', ' ORDER BY k.place)
+          FROM unnest(x.indkey::int[]) WITH ORDINALITY AS k(attnum, place)
+          LEFT JOIN pg_attribute a ON a.attrelid = x.indrelid AND a.attnum = k.attnum AND k.attnum > 0)
+      || ')' || CASE WHEN x.indisunique THEN ' UNIQUE' ELSE '' END
+      || CASE WHEN x.indpred IS NULL THEN '' ELSE ' WHERE' END
+    FROM own o JOIN pg_index x ON x.indrelid = o.oid JOIN pg_class i ON i.oid = x.indexrelid
+    UNION ALL
+    SELECT 'trigger ' || t.tgname || ' on ' || o.relname
+    FROM own o JOIN pg_trigger t ON t.tgrelid = o.oid WHERE NOT t.tgisinternal
+    UNION ALL
+    SELECT 'rule ' || r.rulename || ' on ' || o.relname
+    FROM own o JOIN pg_rewrite r ON r.ev_class = o.oid WHERE r.rulename <> '_RETURN'
+    UNION ALL
+    SELECT DISTINCT 'view ' || o.relname || ' that reads ' || coalesce(c.relname, f.proname, '?')
+    FROM own o JOIN pg_rewrite r ON r.ev_class = o.oid
+    JOIN pg_depend d ON d.classid = 'pg_rewrite'::regclass AND d.objid = r.oid
+    LEFT JOIN pg_class c ON d.refclassid = 'pg_class'::regclass AND c.oid = d.refobjid
+    LEFT JOIN pg_proc f ON d.refclassid = 'pg_proc'::regclass AND f.oid = d.refobjid
+    WHERE o.relkind = 'v' AND (f.oid IS NOT NULL OR (c.oid IS NOT NULL AND c.oid NOT IN (SELECT oid FROM own)))
+    """
+)
+
+
+def in_postgresql(connection: sa.Connection, schema: str | None) -> set[str]:
+    """What a PostgreSQL database has of kbstore's schema, each in a phrase."""
+    place = VERSION_TABLE if schema is None else f"{_quoted(schema)}.{VERSION_TABLE}"
+    return set(connection.execute(_CATALOGUE, {"place": place, "names": sorted(_NAMES)}).scalars())
+
+
+def for_postgresql() -> set[str]:
+    """What the migrations make on PostgreSQL, each in a phrase."""
+    return set(_declared())
+
+
+def _declared() -> Iterator[str]:
+    yield from (f"view {name}" for name in VIEWS)
+    yield f"table {VERSION_TABLE}"
+    yield f"column {VERSION_TABLE}.version_num character varying(32) NOT NULL"
+    yield f"index {VERSION_TABLE}_pkc ON {VERSION_TABLE} (version_num) UNIQUE"
+    for table in tables.metadata.sorted_tables:
+        yield f"table {table.name}"
+        for column in table.columns:
+            yield f"column {table.name}.{column.name} {_type(column)}{'' if column.nullable else ' NOT NULL'}"
+        keys = [
+            found for found in table.constraints if isinstance(found, sa.PrimaryKeyConstraint | sa.UniqueConstraint)
+        ]
+        for key in keys:
+            yield f"index {key.name} ON {table.name} ({', '.join(key.columns.keys())}) UNIQUE"
+        for index in table.indexes:
+            partial = index.dialect_options["postgresql"]["where"] is not None
+            more = " UNIQUE" * bool(index.unique) + " WHERE" * partial
+            yield f"index {index.name} ON {table.name} ({', '.join(index.columns.keys())}){more}"
+
+
+def _type(column: sa.Column[object]) -> str:
+    name = column.type.compile(dialect=postgresql.dialect()).lower()  # type: ignore[no-untyped-call]
+    name = re.sub(" collate .*", "", name)
+    return re.sub("^varchar", "character varying", name)
+
+
+def _quoted(schema: str) -> str:
+    return '"' + schema.replace('"', '""') + '"'
+
+
+def differences(found: set[str], expected: set[str]) -> str:
+    """What is missing and what is too much, in words; empty where nothing is."""
+    missing, more = sorted(expected - found), sorted(found - expected)
+    parts = [f"it lacks {_listed(missing)}"] if missing else []
+    parts += [f"it has {_listed(more)}"] if more else []
+    return ", and ".join(parts)
+
+
+def _listed(phrases: list[str], most: int = 3) -> str:
+    shown = [" ".join(phrase.split(" ")[:2]) if phrase.startswith(("view", "index")) else phrase for phrase in phrases]
+    return ", ".join(shown[:most]) + (f" and {len(shown) - most} more" if len(shown) > most else "")

@@ -1,0 +1,142 @@
+"""A store that has kbstore's revision, and was made or changed by somebody else, is refused in a sentence."""
+
+import pytest
+import sqlalchemy as sa
+
+import kbstore
+from kbstore.errors import SchemaUnknown
+from kbstore.storage import schema, schema_objects
+from kbstore.storage.engine import make_engine
+
+BOTH = {
+    "CREATE INDEX ix_more ON facts (kb_id, end_cause)": "it has index ix_more",
+    "DROP INDEX ix_facts_begin": "it lacks index ix_facts_begin",
+    "ALTER TABLE facts ADD COLUMN weather TEXT": "it has column facts.weather",
+    "ALTER TABLE transactions RENAME COLUMN note TO remark": "lacks column transactions.note .*has column .*remark",
+    "DROP VIEW current_facts": "it lacks view current_facts",
+    "DROP TABLE revisions": "it lacks .*revisions",
+}
+"""What can be done to a store on both engines, and what is said of it."""
+
+SQLITE = {
+    "CREATE TRIGGER t AFTER INSERT ON transactions BEGIN DELETE FROM facts; END": "it has trigger t on transactions",
+    "CREATE TRIGGER t INSTEAD OF INSERT ON fact_history BEGIN SELECT 1; END": "it has trigger t on fact_history",
+    "DROP VIEW current_goals; CREATE VIEW current_goals AS SELECT 1": "lacks view current_goals, and it has view",
+    "DROP INDEX ix_facts_end; CREATE INDEX ix_facts_end ON facts (kb_id, level, end_time)": "index ix_facts_end",
+}
+
+POSTGRESQL = {
+    "CREATE FUNCTION f() RETURNS trigger LANGUAGE plpgsql AS 'BEGIN RETURN NEW; END';"
+    "CREATE TRIGGER t BEFORE INSERT ON facts FOR EACH ROW EXECUTE FUNCTION f()": "it has trigger t on facts",
+    "CREATE RULE r AS ON DELETE TO facts DO INSTEAD NOTHING": "it has rule r on facts",
+    "ALTER TABLE functions ALTER COLUMN rate TYPE real": "functions.rate real",
+}
+
+
+@pytest.fixture(params=["sqlite", "postgresql"])
+def engine(request):
+    """An engine for a store of this kbstore."""
+    url = f"sqlite:///{request.getfixturevalue('sqlite_file')}"
+    engine = make_engine(url if request.param == "sqlite" else request.getfixturevalue("empty_schema"))
+    kbstore.open(engine.url).close()
+    yield engine
+    engine.dispose()
+
+
+def change(engine, statements):
+    with engine.begin() as connection:
+        for statement in statements.split("; " if "BEGIN" not in statements else "\0"):
+            connection.exec_driver_sql(statement)
+
+
+@pytest.mark.parametrize("statements", BOTH)
+def test_another_schema_is_refused(engine, statements):
+    """Tables, columns, indexes and views are compared, on both engines; the sentence names what differs."""
+    change(engine, statements)
+    for opening in (lambda: kbstore.open(engine.url), lambda: kbstore.open(engine), lambda: schema.check(engine.url)):
+        with pytest.raises(
+            SchemaUnknown, match=f"the revision {schema.HEAD}, and not the schema of it.*{BOTH[statements]}"
+        ):
+            opening()
+
+
+@pytest.mark.parametrize("statements", SQLITE)
+def test_what_sqlite_would_run_is_refused(sqlite_file, statements):
+    """A trigger that is not kbstore's, and other words under the name of a view or an index."""
+    engine = make_engine(sqlite_file)
+    kbstore.open(sqlite_file).close()
+    change(engine, statements)
+    with pytest.raises(SchemaUnknown, match=SQLITE[statements]):
+        kbstore.open(sqlite_file, read_only=True)
+    engine.dispose()
+
+
+@pytest.mark.parametrize("statements", POSTGRESQL)
+def test_what_a_server_would_run_is_refused(empty_schema, statements):
+    """A trigger or a rule that is not kbstore's, and a column of another type."""
+    engine = make_engine(empty_schema)
+    kbstore.open(empty_schema).close()
+    # a view keeps the type of its columns
+    change(engine, "DROP VIEW current_functions; DROP VIEW function_history; " * ("TYPE" in statements) + statements)
+    with pytest.raises(SchemaUnknown, match=POSTGRESQL[statements]):
+        kbstore.open(empty_schema)
+    engine.dispose()
+
+
+def test_a_view_that_calls_a_function_is_refused(empty_schema):
+    """A view is run with the rights of who asks it: on a server it reads kbstore's tables, and calls nothing else."""
+    engine = make_engine(empty_schema)
+    kbstore.open(empty_schema).close()
+    change(engine, "CREATE FUNCTION g() RETURNS int LANGUAGE sql AS 'SELECT 1'")
+    change(engine, "DROP VIEW current_goals; CREATE VIEW current_goals AS SELECT g() AS goal")
+    with pytest.raises(SchemaUnknown, match="it has view current_goals"):
+        kbstore.open(empty_schema)
+    engine.dispose()
+
+
+def test_what_is_beside_is_nobodys_business(engine):
+    """A service's own tables, indexes, views and triggers stand beside kbstore's."""
+    change(engine, "CREATE TABLE orders (id INTEGER, item TEXT); CREATE INDEX ix_orders ON orders (item)")
+    change(engine, "CREATE VIEW facts_and_orders AS SELECT item FROM orders")
+    if engine.dialect.name == "sqlite":
+        change(engine, "CREATE TRIGGER o AFTER INSERT ON orders BEGIN DELETE FROM orders; END")
+    with kbstore.open(engine.url, "beside") as kb:
+        kb.add("(here)")
+
+
+def test_the_hash_is_that_of_the_migrations(sqlite_file):
+    """The stored hash is that of the schema which the migrations make, however many steps they take."""
+    schema.upgrade(sqlite_file, "0001")
+    schema.upgrade(sqlite_file)
+    engine = make_engine(sqlite_file)
+    with engine.connect() as connection:
+        assert schema_objects.is_as_migrated(connection)
+    engine.dispose()
+
+
+def test_other_white_space_is_no_other_schema(sqlite_file):
+    """Where the statements differ, columns, indexes and views are compared one by one."""
+    kbstore.open(sqlite_file).close()
+    engine = make_engine(sqlite_file)
+    with engine.connect() as connection:
+        connection.exec_driver_sql("PRAGMA writable_schema = ON")
+        connection.exec_driver_sql("UPDATE sqlite_master SET sql = replace(sql, 'CREATE TABLE', 'create table')")
+        connection.commit()
+    with engine.connect() as connection:
+        assert not schema_objects.is_as_migrated(connection)
+    kbstore.open(sqlite_file).close()
+    engine.dispose()
+
+
+def test_a_pool_asks_once(empty_schema):
+    """On a server the catalogue is asked once for each engine."""
+    engine = sa.create_engine(empty_schema)
+    for _ in range(2):
+        # the first one sets the schema up
+        kbstore.open(engine).close()
+    asked = []
+    sa.event.listen(engine, "before_cursor_execute", lambda _c, _cursor, text, *_: asked.append("pg_index" in text))
+    kbstore.open(engine).close()
+    assert asked
+    assert not any(asked)
+    engine.dispose()
