@@ -39,10 +39,8 @@ def import_(
 
     with working(f"Reading {file}") as show:
         done = import_bag(file, store(url), kb, domain=domain, problem=problem, progress=show)
-    said = (
-        f"{done.name} has {sum(done.messages.values())} messages of {isoformat(done.since)} to {isoformat(done.until)}"
-    )
-    said += f": {done.transactions} new transactions"
+    read, recorded = plural(done.messages.total(), "message"), plural(done.transactions, "new transaction")
+    said = f"{done.name}: {recorded} from {read} of {isoformat(done.since)} to {isoformat(done.until)}"
     answer(done.to_dict(), as_json=as_json, view=lambda: said)
 
 

@@ -45,13 +45,13 @@ class Executions:
         self._plan = ""
         self._is_noted = True
 
-    def plan(self, message: Any) -> None:
-        """Take a plan: the note of the next start, and the durations to expect."""
+    def plan(self, message: Any, *, is_noted: bool = False) -> None:
+        """Take a plan: the durations to expect, and the note of the next start unless an earlier one has it."""
         items = list(message.items)
         text = "; ".join(f"{item.time:.3f}: {item.action} [{item.duration:.3f}]" for item in items)
         if not items or text == self._plan:
             return
-        self._plan, self._is_noted = text, False
+        self._plan, self._is_noted = text, is_noted
         self._durations = {_words(item.action): item.duration for item in items}
 
     def info(self, message: Any, time: int) -> None:

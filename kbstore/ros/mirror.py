@@ -131,9 +131,9 @@ class Mirror:
 
     # -- plans and executions ---------------------------------------------------------------------------------
 
-    def plan(self, message: Any) -> None:
-        """Take a `Plan`: it is the note of the next start, and tells durations."""
-        self._executions.plan(message)
+    def plan(self, message: Any, *, is_noted: bool = False) -> None:
+        """Take a `Plan`: it tells durations, and is the note of the next start unless it `is_noted` already."""
+        self._executions.plan(message, is_noted=is_noted)
 
     def action_execution_info(self, message: Any, time: int) -> None:
         """Record what an `ActionExecutionInfo` reports: a run that starts, ends or is aborted.

@@ -22,7 +22,7 @@ def test_the_command(run, tmp_path):
     done = run("bag", "import", next(bag.glob("*.mcap")), "--url", store, "--domain", domain, "--kb", "monday")
     assert (done.code, done.err) == (0, "")
     at = "1970-01-01T00:00:00.000000005Z"
-    assert done.words == [f"monday has 1 messages of {at} to {at}: 2 new transactions"]
+    assert done.words == [f"monday: 2 new transactions from 1 message of {at} to {at}"]
     again = run("bag", "import", bag, "--url", store, "--json")
     assert json.loads(again.out) == {
         "knowledge_base": "monday",

@@ -71,6 +71,13 @@ class Messages:
             goal=goal,
         )
 
+    def plan(self, *steps):
+        """A plan of (time, action, duration), in seconds."""
+        items = [
+            self("plansys2_msgs/msg/PlanItem", time=t, action=action, duration=lasting) for t, action, lasting in steps
+        ]
+        return self("plansys2_msgs/msg/Plan", items=items)
+
     def info(self, status, start, action, at, duration=0):
         words = action.strip("()").split()
         return self(
@@ -152,8 +159,16 @@ def mission(messages):
         return messages.knowledge(["r1", *ROOMS], facts, goal="(and (robot_at r1 c))")
 
     events = [(BEGIN, "/problem_expert/knowledge", snapshot("a"))]
-    for start, end, place, to, succeeds in drives():
+    for number, (start, end, place, to, succeeds) in enumerate(drives()):
         action = f"(move r1 {place} {to})"
+        if number % 10 == 0:
+            events.append(
+                (
+                    start - SECOND,
+                    "/planner/plan",
+                    messages.plan((0.0, action, 20.0), (30.0 + number, "(move r1 x y)", 20.0)),
+                )
+            )
 
         def info(status, at, action=action, start=start):
             return at, "/action_execution_info", messages.info(status, start, action, at, DRIVE)

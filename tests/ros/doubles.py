@@ -24,12 +24,15 @@ def fields(name):
 
 def make(name):
     """A message with the defaults of ROS; it takes no attribute that its definition lacks."""
-    found = fields(name)
-    kind = type(name, (), {"__slots__": [field for field, _ in found]})
-    message = kind()
-    for field, type_name in found:
+    message = _kind(name)()
+    for field, type_name in fields(name):
         setattr(message, field, _default(type_name))
     return message
+
+
+@cache
+def _kind(name):
+    return type(name, (), {"__slots__": [field for field, _ in fields(name)]})
 
 
 def _default(type_name):

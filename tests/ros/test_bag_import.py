@@ -59,9 +59,11 @@ def test_an_hour_is_exact_to_the_nanosecond(imported):
         assert kb.when("(open a)", BEGIN, BEGIN + HOUR) == [(BEGIN, BEGIN + HOUR)]
         assert [str(goal) for goal in kb.goals()] == ["(robot_at r1 c)"]
         assert {str(item) for item in kb.instances()} == {"r1 - robot", "a - room", "b - room", "c - room"}
+        planned = [tx.time for tx in kb.transactions() if "plan: 0.000: (move r1 " in tx.note]
+        assert planned == [start for start, *_ in drives()][::10]
     assert (done.name, done.since) == ("tour", BEGIN)
     assert done.until == max(end for _, end, *_ in drives()) + SECOND
-    assert done.messages == {"/problem_expert/knowledge": 361, "/action_execution_info": 120 * 22}
+    assert done.messages == {"/problem_expert/knowledge": 361, "/action_execution_info": 120 * 22, "/planner/plan": 12}
     assert done.left_out == ("/rosout_text",)
 
 

@@ -114,6 +114,7 @@ class _Recorder:
     ) -> None:
         self.counts: Counter[str] = Counter()
         self.last = 0
+        self._kb = kb
         self._bag = bag
         self._since = before.time if before else 0
         self._plansys2: Mirror | None = None
@@ -159,7 +160,7 @@ class _Recorder:
         message, time = found.message, found.time
         if found.kind == "plan":
             # a start that comes later refers to it
-            self._plansys2.plan(message)
+            self._plansys2.plan(message, is_noted=self._has_started(time))
         elif time < self._since:
             return
         elif found.kind == "knowledge":
@@ -168,6 +169,10 @@ class _Recorder:
             self._plansys2.action_execution_info(message, time)
         elif found.kind == "hub":
             self._plansys2.actions_hub(message, time)
+
+    def _has_started(self, time: int) -> bool:
+        """Whether an import before has recorded a start since then."""
+        return time <= self._since and any(run.started >= time for run in self._kb.runs(since=time))
 
 
 def _last_words(group: Iterable[Recorded]) -> Iterator[Recorded]:
