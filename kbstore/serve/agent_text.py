@@ -17,16 +17,16 @@ from kbstore.report.selection import Selection
 from kbstore.report.tables import plural, printable
 from kbstore.report.time_format import span
 
-MOST_LINES = 60
+MOST_LINES = 40
 """Lines of an answer that are shown."""
 
-FEWEST_LINES = 6
+FEWEST_LINES = 5
 """Lines of a part of an answer that are shown, however many parts there are."""
 
 MOST_NAMES = 20
 """Objects of a type whose names are shown."""
 
-LONGEST_LINE = 400
+LONGEST_LINE = 360
 """Characters of a line that are shown."""
 
 LONGEST_TEXT = 4000
