@@ -160,7 +160,10 @@ class StoreConnection(ABC):
         if rows:
             self._refuse_read_only()
             try:
-                self._cursor().executemany(self._text(statement), rows)
+                if len(rows) == 1:
+                    self._execute(self._text(statement), rows[0])
+                else:
+                    self._cursor().executemany(self._text(statement), rows)
             except self._error as error:
                 raise self._failure(error) from error
 

@@ -196,7 +196,7 @@ class SymbolRow(NamedTuple):
 _by_kind: Callable[[], Any] = partial(defaultdict, list)
 
 
-@dataclass
+@dataclass(slots=True)
 class RowChanges:
     """The changes of one transaction to the rows of the store.
 
