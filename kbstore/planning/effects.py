@@ -62,6 +62,16 @@ class Effects:
     changes: tuple[NumericChange, ...] = ()
     rates: tuple[Rate, ...] = ()
 
+    def written(self, domain: Domain) -> "Effects":
+        """Return the effects without those on what is sensed, which are left to sensors (rule O8)."""
+        sensed = domain.sensed
+        return Effects(
+            tuple(atom for atom in self.deletes if atom.name not in sensed),
+            tuple(atom for atom in self.adds if atom.name not in sensed),
+            tuple(change for change in self.changes if change.function.name not in sensed),
+            self.rates,
+        )
+
 
 def evaluate(
     ground: GroundAction,

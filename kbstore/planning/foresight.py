@@ -43,8 +43,8 @@ def expected_breaks(
     simulator = project()
     domain = simulator.domain
     assert domain is not None
-    list(simulator.begin(entry, at_start))
-    rows = simulator.rows
+    unwritten = simulator.begin(entry, at_start)
+    rows = [*simulator.rows, *unwritten]
     events = list(simulator.advance(end - 1))
     if not events and not any(row[0].kind is KnowledgeType.FUNCTION and row[2][3] for row in rows):
         return []

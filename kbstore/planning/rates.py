@@ -21,6 +21,7 @@ from kbstore.model.expressions import NumericExpression, atoms_of
 from kbstore.model.formulas import (
     Atom,
     Comparison,
+    Defined,
     Effect,
     ForEach,
     Formula,
@@ -92,6 +93,25 @@ def is_moving(action_name: str, domain: Domain | None) -> bool:
     return domain is not None and bool(domain.action(action_name).effects_at(Timing.OVER_ALL))
 
 
+def symbols(action_name: str, domain: Domain) -> set[str]:
+    """Return the predicates and functions that an action's continuous effects read or move, by their keys.
+
+    Derived predicates are resolved to what their rules read.
+    """
+    found: set[str] = set()
+    todo: list[Effect] = list(domain.action(action_name).effects_at(Timing.OVER_ALL))
+    while todo:
+        match todo.pop():
+            case When(condition, parts):
+                found |= _symbols_in(condition, domain)
+                todo.extend(parts)
+            case WhenAtStart(_, parts) | ForEach(_, parts):
+                todo.extend(parts)
+            case NumericEffect(_, function, expression):
+                found |= {key(atom.name) for atom in (function, *atoms_of(expression))}
+    return found
+
+
 def moved_functions(entry: RunningAction, world: Interpretation) -> set[Atom]:
     """The functions that a run moves, or may come to move by other values of its conditions."""
     return {moved.function for moved in _continuous(entry, world)}
@@ -157,6 +177,24 @@ def _rate(
         return expressions.evaluate(expression, world, bindings, duration=duration)
     except (UndefinedFunction, DivisionByZero):
         return None
+
+
+def _symbols_in(condition: Formula, domain: Domain) -> set[str]:
+    """The predicates and functions that a condition reads."""
+    found: set[str] = set()
+    todo = [condition]
+    while todo:
+        for occurrence in walk(todo.pop(), {}):
+            match occurrence.node:
+                case Comparison(_, left, right):
+                    found |= {key(atom.name) for atom in (*atoms_of(left), *atoms_of(right))}
+                case Defined(function):
+                    found.add(key(function.name))
+                case Atom(name, _) if key(name) not in found:
+                    found.add(key(name))
+                    if domain.is_derived(name):
+                        todo += [rule.condition for rule in domain.rules[key(name)]]
+    return found
 
 
 def _read_by(condition: Formula, domain: Domain) -> Reads:

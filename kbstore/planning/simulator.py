@@ -15,7 +15,7 @@ from kbstore.messages import KnowledgeType
 from kbstore.model.domain import Domain
 from kbstore.model.formulas import Atom, Timing
 from kbstore.model.results import Run
-from kbstore.model.timelines import Identity, Role, Timeline, Value, number_at
+from kbstore.model.timelines import Identity, Role, Timeline, Value, fact_value, number_at
 from kbstore.names import key
 from kbstore.planning import effects
 from kbstore.planning.effects import Effects
@@ -180,13 +180,21 @@ class Simulator:
             events = list(self._follow(entry.run))
         yield from events
 
-    def begin(self, entry: RunningAction, at_start: Effects) -> Iterator[Event]:
-        """Let an action start now, with the effects that it has then; yields what changes."""
+    def begin(self, entry: RunningAction, at_start: Effects) -> list[StateRow]:
+        """Let an action start now, with the effects that it has then.
+
+        Returns what its effects on what is sensed would leave; they are not carried out (rule O8).
+        """
+        sensed = frozenset[str]() if self.domain is None else self.domain.sensed
         changes = list(self._changes(at_start, self._snapshot()))
         self.running.append(entry)
-        yield from self._put_changes(changes, entry.run)
+        for _ in self._put_changes([change for change in changes if change[0].keys[0] not in sensed], entry.run):
+            pass
         self._is_first = False
-        yield from self._follow()
+        for _ in self._follow():
+            pass
+        unwritten = [change for change in changes if change[0].keys[0] in sensed]
+        return [(timeline, self._now, value or fact_value(is_negative=True)) for timeline, value in unwritten]
 
     def _carry_out(self, entry: RunningAction) -> Iterator[Event]:
         yield from self._put_changes(list(self._end_effects(entry)), entry.run)

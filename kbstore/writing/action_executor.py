@@ -106,9 +106,9 @@ class ActionExecutor:
         entry = RunningAction(run, remembered)
         self._carry_out(handlers, at_start, state.snapshot)
         self.last_run += 1
-        if is_moving(run.operator, state.domain):
+        if state.domain is not None and is_moving(run.operator, state.domain):
             # what is not linear is refused here
-            after = effects.StateAfter(world, at_start)
+            after = effects.StateAfter(world, at_start.written(state.domain))
             rates([*self.running, entry], after, state.projection().moving())
         self.running.append(entry)
         self._started.append(entry)

@@ -1,12 +1,14 @@
 """The state as an open transaction leaves it: what is stored, its changes on top, and the rates of what runs (O5)."""
 
+from collections.abc import Collection
+
 from kbstore.clock import OPEN
 from kbstore.evaluation.snapshot import Snapshot
 from kbstore.messages import KnowledgeType
 from kbstore.model.domain import Domain
 from kbstore.model.formulas import Atom
-from kbstore.model.timelines import Identity
-from kbstore.planning.rates import is_moving, rates
+from kbstore.model.timelines import Identity, Role
+from kbstore.planning.rates import is_moving, rates, symbols
 from kbstore.planning.simulator import Simulator
 from kbstore.reading.mentions import mentions
 from kbstore.reading.state_data import StateData
@@ -50,18 +52,57 @@ class WorkingState:
         return StateData(snapshot, list(pending.values()), self._executor.running)
 
     def follow_rates(self, domain: Domain | None) -> None:
-        """Let numbers that runs move follow what their rates read, now and by what is scheduled (rule O5)."""
-        if self._moves_numbers(domain):
-            self._change_set.follow(self._simulator(*self._rows(domain), domain).advance(OPEN))
+        """Let numbers that runs move follow what their rates read, now and by what is scheduled (rule O5).
 
-    def _rows(self, domain: Domain | None) -> tuple[dict[Identity, StateRow], dict[tuple[Identity, int], StateRow]]:
-        """Return what holds now and what is scheduled after this transaction, but for the rates of what runs."""
+        Reads the objects, and what the rates read or move, from the store; nothing where none of it has changed.
+        """
+        names = self._symbols(domain)
+        if names and self._is_touched(names, domain):
+            self._change_set.follow(self._simulator(*self._rows(domain, names), domain).advance(OPEN))
+
+    def _symbols(self, domain: Domain | None) -> set[str]:
+        """Return the predicates and functions that matter to the rates of what runs, or ran before the transaction."""
+        found: set[str] = set()
+        for version, running in ((self._domain_before, self._running_before), (domain, self._executor.running)):
+            if version is not None:
+                for operator in {entry.run.operator for entry in running}:
+                    found |= symbols(operator, version)
+        return found
+
+    def _is_touched(self, names: Collection[str], domain: Domain | None) -> bool:
+        """Return whether the transaction may have changed what rates depend on."""
+        return (
+            domain is not self._domain_before
+            or bool(self._executor.changes or self._change_set.objects_changed)
+            or any(
+                timeline_key.split(" ")[0] in names
+                for kind in (KnowledgeType.FACT, KnowledgeType.FUNCTION)
+                for timeline_key in self._change_set.group(Role.STATE, kind)
+            )
+        )
+
+    def _read(self, kind: KnowledgeType, names: Collection[str] | None) -> list[StateRow]:
+        """Return what holds now of a kind; with `names`, of facts and functions only those of these symbols."""
+        now = self._change_set.now
+        if names is None or kind is KnowledgeType.INSTANCE:
+            return list(self._repository.state_at(kind, LogPosition(now)))
+        if kind not in (KnowledgeType.FACT, KnowledgeType.FUNCTION):
+            return []
+        return [row for name in sorted(names) for row in self._repository.holding(Role.STATE, kind, now, name)]
+
+    def _rows(
+        self, domain: Domain | None, names: Collection[str] | None = None
+    ) -> tuple[dict[Identity, StateRow], dict[tuple[Identity, int], StateRow]]:
+        """Return what holds now and what is scheduled after this transaction, but for the rates of what runs.
+
+        With `names`, of facts and functions only those of these symbols.
+        """
         now = self._change_set.now
         position = LogPosition(now)
         rows: dict[Identity, StateRow] = {}
         pending: dict[tuple[Identity, int], StateRow] = {}
         for kind in KnowledgeType:
-            rows |= {row[0].identity: row for row in self._repository.state_at(kind, position)}
+            rows |= {row[0].identity: row for row in self._read(kind, names)}
             pending |= {(row[0].identity, row[1]): row for row in self._repository.scheduled_at(kind, position)}
         if self._rates_before is None and self._moves_numbers(domain):
             stored = Snapshot(now, list(rows.values()), self._domain_before, self._use_unknowns)

@@ -5,7 +5,8 @@ import random
 import pytest
 
 import kbstore
-from kbstore import Function, seconds
+from kbstore import Function, KnowledgeType, seconds
+from kbstore.storage.repository import Repository
 from tests.conftest import START
 
 TANKS = """
@@ -377,3 +378,25 @@ def test_at_any_other_end_it_has_taken_the_time_that_it_took(tanks, clock):
     clock.set(run.expected_end + seconds(1))
     tanks.end(run)
     assert tanks.value("(level a)") == pytest.approx(103, abs=1e-8)
+
+
+def test_a_transaction_reads_what_rates_read(tanks, clock, monkeypatch):
+    """O5: while an action moves a number, an assertion about something else reads nothing for it."""
+    tanks.start("fill", "a")
+    read = []
+    for name in ("state_at", "holding"):
+        original = getattr(Repository, name)
+
+        def noted(self, *arguments, original=original, **options):
+            read.append((original.__name__, next(a for a in arguments if isinstance(a, KnowledgeType))))
+            return original(self, *arguments, **options)
+
+        monkeypatch.setattr(Repository, name, noted)
+    at(clock, 1)
+    tanks.add("(paused)", "(= (drift) 4)", "(on a)")
+    assert read == []
+    at(clock, 2)
+    tanks.add("(= (inflow a) 3)")
+    assert ("holding", KnowledgeType.FUNCTION) in read
+    assert [kind for method, kind in read if method == "state_at"] == [KnowledgeType.INSTANCE]
+    assert level(tanks, 1, 2, 4) == [1, 2, 8]

@@ -78,6 +78,26 @@ def test_every_unwritten_effect_counts_for_invariants(open_kb, clock, use_unknow
     ]
 
 
+def test_what_a_sensor_has_not_reported_starts_no_rate(open_kb, clock):
+    """O8, O5: a rate whose condition an unwritten effect would make true does not act, nor is it refused."""
+    kb = open_kb()
+    kb.load("""
+      (define (domain d) (:predicates (open)) (:functions (level) (inflow))
+        (:durative-action leak :parameters () :duration (= ?duration 10) :condition (over all (>= (level) 0))
+          :effect (and (at start (open)) (when (over all (open)) (increase (level) (* #t (inflow)))))))
+    """)
+    kb.set_sensed("open", True)
+    kb.add("(= (level) 1)", "(= (inflow) 1)", "(increase (inflow) (* #t 1))")
+    kb.start("leak")
+    assert kb.value("(level)", at=START + seconds(5)) == 1
+    at(clock, 5)
+    with pytest.raises(kbstore.NotLinear):
+        kb.add("(open)")
+    kb.add("(= (inflow) 2)")
+    kb.add("(open)")
+    assert kb.value("(level)", at=START + seconds(7)) == 5
+
+
 def test_a_continuous_effect_on_what_is_sensed_does_not_move_it(hall, clock):
     """O8: and a question about a time after now computes it as if it did."""
     hall.set_sensed("position", True)
