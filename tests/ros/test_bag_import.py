@@ -174,6 +174,35 @@ def test_types_come_from_the_problem_or_from_predicates(tmp_path):
         assert kb.when("(robot_at r1 a)", 0, 20) == [(9, 20)]
 
 
+def reported_on_the_hub(messages):
+    def report(kind, success):
+        return messages(
+            "plansys2_msgs/msg/ActionExecution",
+            type=kind,
+            node_id="mover",
+            action="move",
+            arguments=["r1", "a", "b"],
+            success=success,
+            completion=0.0,
+            status="",
+        )
+
+    yield 5, "/problem_expert/knowledge", messages.knowledge(["r1", "a", "b"], [])
+    yield 7, "/actions_hub", report(3, False)
+    yield 20, "/actions_hub", report(6, True)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_runs_and_types_come_from_the_hub(kind, tmp_path):
+    """A confirmation starts a run, and a finish ends it; the parameters of an action tell types, too."""
+    bag, store = write(bag_path(tmp_path, kind), kind, reported_on_the_hub), tmp_path / "robot.db"
+    import_bag(bag, store, "tour", domain=DOMAIN)
+    assert import_bag(bag, store, "tour").transactions == 0
+    with opened(store) as kb:
+        assert [(run.started, run.ended, run.outcome) for run in kb.runs("(move r1 a b)")] == [(7, 20, "ended")]
+        assert {str(item) for item in kb.instances()} == {"r1 - robot", "a - room", "b - room"}
+
+
 def twice(messages):
     yield 5, "/problem_expert/knowledge", messages.knowledge(["a"], ["(open a)"])
     yield 5, "/problem_expert/knowledge", messages.knowledge(["a"], [])

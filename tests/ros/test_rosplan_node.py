@@ -101,11 +101,14 @@ def command(store, *arguments):
 
 
 @contextmanager
-def serving(store, *arguments, node=NODE):
+def serving(store, *arguments, node=NODE, by_parameters=False):
     """A node of its own process, ready to answer, and stopped as a launch file does it."""
     log = store.with_suffix(".log")
+    words = [*command(store, *arguments), f"__name:={node}"]
+    if by_parameters:
+        words = [*KBSTORE, "ros", "rosplan", *arguments, f"__name:={node}", f"_url:={store}", "_kb:=kenny"]
     with open(log, "a") as output:
-        process = subprocess.Popen(command(store, *arguments, f"__name:={node}"), stdout=output, stderr=output)
+        process = subprocess.Popen(words, stdout=output, stderr=output)
     try:
         until(lambda: process.poll() is not None or is_ready(node))
         yield log
@@ -322,7 +325,7 @@ def test_a_restart_goes_on(graph, files, tmp_path):
         assert list(other("query_state", knowledge=asked).results) == [False, False]
         either = [ITEMS.fact("at", AT_HALL), ITEMS.fact("at", (("r", "kenny"), ("p", "dock")))]
         assert other("update_constraints_oneof", knowledge=either).success
-    with serving(store, *files, node=other.node):
+    with serving(store, *files, node=other.node, by_parameters=True):
         assert facts(other) == set()
         assert [str(kbstore.item(goal)) for goal in other("state/goals").attributes] == ["(at kenny dock)"]
     with recorded(store) as kb:
