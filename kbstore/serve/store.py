@@ -44,6 +44,7 @@ class Store:
         self.patience = patience
         self.most = most
         self._opened: dict[str, aio.KnowledgeBase] = {}
+        self._only = ""
         self._opening = asyncio.Lock()
         self._workers = Workers()
         self._watches: set[aio.Watch[kbstore.Change]] = set()
@@ -52,14 +53,18 @@ class Store:
         """The names of the knowledge bases."""
         return await self._workers.read(lambda: kbstore.knowledge_bases(self._url))
 
+    def opened(self, name: str | None) -> aio.KnowledgeBase | None:
+        """The knowledge base of a name, or the only one, if it has been asked for before."""
+        return self._opened.get(self._only if name is None else name)
+
     async def get(self, name: str | None) -> aio.KnowledgeBase:
-        """The knowledge base of a name; without one, the only one."""
-        found = None if name is None else self._opened.get(name)
+        """The knowledge base of a name; without one, the only one, which stays what is meant."""
+        found = self.opened(name)
         if found is not None:
             return found
         names = await self.names()
         if name is None and len(names) == 1:
-            name = names[0]
+            name = self._only = names[0]
         if name not in names:
             there = f"the store has {', '.join(names) or 'none yet'}"
             what = "which knowledge base? give kb=..." if name is None else f"there is no knowledge base {name!r}"

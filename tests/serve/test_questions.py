@@ -44,8 +44,10 @@ def test_a_knowledge_base_that_comes_later_is_served(serve, tmp_path):
     kbstore.open(tmp_path / "k.db", "kenny").close()
     client = serve(tmp_path / "k.db")
     assert client.get("/api/state", params={"kb": "lenny"}).status_code == 404
+    assert client.get("/api/state").json()["knowledge_base"] == "kenny"
     kbstore.open(tmp_path / "k.db", "lenny").close()
     assert client.get("/api/state", params={"kb": "lenny"}).json()["facts"] == []
+    assert client.get("/api/state").json()["knowledge_base"] == "kenny"
 
 
 def test_a_state(mission, kb):
