@@ -249,6 +249,25 @@ def test_fifty_thousand_assertions(browser, capsys):
     assert browser.errors() == []
 
 
+def test_all_lanes_are_on_paper(shown):
+    """Printed, also from a dark screen: all lanes at their full height, dark on white, without what only hands need."""
+    screen = shown.run("return document.querySelector('canvas').clientHeight")
+    shown.run("document.querySelector('#fold').click(); document.querySelector('#fold').click()")
+    shown.emulate(prefers_color_scheme="dark")
+    shown.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "print"})
+    shown.settle()
+    try:
+        height = shown.run("return document.querySelector('canvas').clientHeight")
+        last = shown.run("return kbstore.places().at(-1)")
+        assert screen < last["y"] + last["height"] <= height
+        assert shown.run("return getComputedStyle(document.body).backgroundColor") == "rgb(255, 255, 255)"
+        assert shown.run("return document.querySelector('#asof').offsetParent") is None
+    finally:
+        shown.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": ""})
+    shown.settle()
+    assert shown.run("return document.querySelector('canvas').clientHeight") == screen
+
+
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_the_picture(shown, scheme, tmp_path):
     """The picture of the README is made here where KBSTORE_TEST_PICTURE names a file, and is below 200 kB."""

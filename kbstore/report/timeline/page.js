@@ -483,7 +483,8 @@ byId("fit").addEventListener("click", fit);
 byId("fold").addEventListener("click", fold);
 byId("zone").addEventListener("click", (event) => { utc = !utc; event.target.textContent = utc ? "UTC" : "Local"; redraw(); });
 window.addEventListener("resize", redraw);
-for (const media of ["(prefers-color-scheme: dark)", "print"]) matchMedia(media).addEventListener("change", () => { takeColours(); draw(); });
+// On paper nobody scrolls: all lanes are there.
+for (const media of ["(prefers-color-scheme: dark)", "print"]) matchMedia(media).addEventListener("change", () => { const last = visible.at(-1); canvas.style.height = matchMedia("print").matches && last ? `${Math.min(8000, last.y + last.height + 12)}px` : ""; takeColours(); draw(); });
 window.addEventListener("hashchange", () => { obey(); redraw(); });
 
 // A link carries the view: the cursor's time (as nanoseconds), the belief and the span.
@@ -495,6 +496,5 @@ function obey() {
   if (to > from) view = [from, to];
 }
 
-absorb(JSON.parse(byId("data").textContent));
-takeColours(); fit(); cursor = Math.max(0, Math.min(data.now, data.until)); setBelief(data.as_of ?? NOW); obey();
+absorb(JSON.parse(byId("data").textContent)); takeColours(); fit(); cursor = Math.max(0, Math.min(data.now, data.until)); setBelief(data.as_of ?? NOW); obey();
 draw();
