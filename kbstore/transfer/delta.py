@@ -105,8 +105,9 @@ class Delta:
                         head = head._replace(last_run=max(head.last_run, records[-1]["number"]))
                     case "expressions":
                         metrics.update(record["timeline_id"] for record in records)
-        known = self._connection.array(sorted(metrics))
-        target.add("mentions", list(self.source.records("mentions", statements.other_mentions, ids=known)))
+        if metrics:
+            known = self._connection.array(sorted(metrics))
+            target.add("mentions", list(self.source.records("mentions", statements.other_mentions, ids=known)))
         if self._span.before.history_from and self._referred:
             # what the copy has archived, and needs again
             numbers = self._connection.array(sorted(self._referred))
@@ -130,14 +131,19 @@ class Delta:
             found = self.source.records(table, statements.keyed[table], pairs=json.dumps(some))
             # a row that has been replaced comes before the one that takes its place
             yield from sorted(found, key=itemgetter("recorded_tx", "seq"))
+        if table == "runs" and open_runs:
+            numbers = self._connection.array(open_runs)
+            yield from self.source.records(table, statements.known_runs, open_runs=numbers)
         before = self._span.before
+        if table == "mentions" and self.source.timeline == before.timeline:
+            # of no new timeline; looked for object by object, which takes time
+            return
         yield from self.source.records(
             table,
             statements.new_mentions if table == "mentions" else statements.recorded[table],
             known_timelines=before.timeline,
             known_version=before.domain_version,
             known_run=before.last_run,
-            open_runs=self._connection.array(open_runs),
         )
 
     def _older(self) -> Keys:

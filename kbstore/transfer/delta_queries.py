@@ -51,32 +51,33 @@ recorded: dict[str, Statement] = {
 """By table, the rows that the transactions recorded."""
 
 recorded["symbols"] = by_table["symbols"].read
-recorded["runs"] = Statement(
-    by_table["runs"].chosen.where(sa.or_(_runs.number > parameter("known_run"), among(_runs.number, "open_runs")))
-)
+recorded["runs"] = Statement(by_table["runs"].chosen.where(_runs.number > parameter("known_run")))
+
+known_runs = Statement(by_table["runs"].chosen.where(among(_runs.number, "open_runs")))
+"""The older runs with some numbers."""
 
 
-def _new_mentions() -> Any:
+def _mentions_of_objects() -> Any:
     """Found by the object, as the key of the table begins with it."""
     objects = tables.timelines.join(tables.mentions, and_(_mentions.kb_id == KB, _mentions.object_id == _timelines.id))
     return (
         select(_mentions.object_id, _mentions.timeline_id)
         .select_from(objects)
+        .with_hint(tables.timelines, "INDEXED BY ux_timelines_key", "sqlite")
         .where(
             _timelines.kb_id == KB,
             _timelines.role == constant(Role.STATE),
             _timelines.knowledge_type == constant(KnowledgeType.INSTANCE),
-            _timelines.id <= parameter("timelines"),
         )
     )
 
 
 _is_new = and_(_mentions.timeline_id > parameter("known_timelines"), _mentions.timeline_id <= parameter("timelines"))
 
-new_mentions = Statement(_new_mentions().where(_is_new))
+new_mentions = Statement(_mentions_of_objects().where(_is_new))
 """The objects that new timelines mention."""
 
-other_mentions = Statement(_new_mentions().where(among(_mentions.timeline_id, "ids")))
+other_mentions = Statement(_mentions_of_objects().where(among(_mentions.timeline_id, "ids")))
 """The objects that some timelines mention: what the metric's mentions varies."""
 
 revised = Statement(
@@ -87,7 +88,9 @@ revised = Statement(
 """The older rows that the transactions changed otherwise than by ending what had been open."""
 
 ahead = Statement(
-    select(_schedules.recorded_tx, _schedules.seq).where(
+    select(_schedules.recorded_tx, _schedules.seq)
+    .with_hint(tables.schedules, "INDEXED BY ix_schedules_initial_time", "sqlite")
+    .where(
         _schedules.kb_id == KB,
         _schedules.initial_time > parameter("t"),
         _schedules.knowledge_type == constant(KnowledgeType.FUNCTION),
@@ -106,7 +109,11 @@ sizes = Statement(
 
 transactions_numbered = Statement(by_table["transactions"].rows.where(among(_transactions.number, "numbers")))
 
-open_runs = Statement(select(_runs.number).where(_runs.kb_id == KB, _runs.end_time == constant(OPEN)))
+open_runs = Statement(
+    select(_runs.number)
+    .with_hint(tables.runs, "INDEXED BY ix_runs_open", "sqlite")
+    .where(_runs.kb_id == KB, _runs.end_time == constant(OPEN))
+)
 
 _derived: Final = select(_schedules.recorded_tx, _schedules.seq).where(
     _schedules.kb_id == KB, _schedules.initial_time > parameter("t"), _schedules.is_derived.is_(True)

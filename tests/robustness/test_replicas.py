@@ -13,7 +13,7 @@ from kbstore import StoreUnavailable
 from kbstore.storage import schema, tables
 from tests.docs.blocks import ROOT, sql_under
 from tests.robustness.servers import Server, until
-from tests.transfer.pushes import export
+from tests.transfer.pushes import following, same
 
 
 @pytest.fixture
@@ -68,8 +68,11 @@ def test_a_standby_is_read_and_watched(primary, standby):
             replica.add("(= (level) 7)")
 
 
-def test_fail_over(primary, standby):
-    """The primary is killed, the standby promoted: nothing acknowledged is lost, and the writer goes on by itself."""
+def test_fail_over(primary, standby, folder):
+    """The primary is killed, the standby promoted: nothing acknowledged is lost, and the writer goes on by itself.
+
+    So does a push that follows a robot's file.
+    """
     acknowledged, refused, numbers = [], [], iter(range(10**6))
     ending = threading.Event()
 
@@ -84,11 +87,15 @@ def test_fail_over(primary, standby):
                 time.sleep(0.02)
 
     url = primary.url(standby, target_session_attrs="read-write", connect_timeout=2)
-    with kbstore.open(url, "kenny") as kb:
+    robot = kbstore.open(f"{folder}robot.db", "lenny")
+    with kbstore.open(url, "kenny") as kb, following(robot, url):
         writer = threading.Thread(target=write, args=(kb,))
         writer.start()
         until(lambda: len(acknowledged) >= 100)
+        robot.add("(seen before)")
+        until(lambda: same(f"{folder}robot.db", url, "lenny"))
         primary.kill()
+        robot.add("(seen meanwhile)")
         until(lambda: refused)
         before = len(acknowledged)
         standby.promote()
@@ -98,6 +105,8 @@ def test_fail_over(primary, standby):
         stored = {change.number: change.asserted[0].item.function_value for change in kb.changes()}
         assert [stored[number] for number, _ in acknowledged] == [float(value) for _, value in acknowledged]
         assert len(stored) - len(acknowledged) <= len(refused)
+        robot.add("(seen afterwards)")
+        until(lambda: same(f"{folder}robot.db", url, "lenny"))
 
 
 # -- logical replication --------------------------------------------------------------------------------------------
@@ -133,7 +142,7 @@ def test_one_knowledge_base_is_replicated_and_taken_over(primary, other):
         kb.remove("(open hall)")
         kb.add("(open hall)", since=kb.now() - 1)
         kb.clear()
-        until(lambda: same(primary, other))
+        until(lambda: same(primary.url(), other.url(), "kenny"))
         assert kbstore.knowledge_bases(other.url()) == ["kenny", "lenny"]
         with kbstore.open(other.url(), "kenny", read_only=True) as copy:
             assert copy.history("(open ?)") == kb.history("(open ?)")
@@ -144,10 +153,6 @@ def test_one_knowledge_base_is_replicated_and_taken_over(primary, other):
     with kbstore.open(other.url(), "kenny") as copy:
         assert copy.add("kitchen - room", "(open kitchen)").number == latest + 1
         assert copy.holds("(open kitchen)")
-
-
-def same(primary, other):
-    return export(primary.url(), "kenny") == export(other.url(), "kenny")
 
 
 def commands(text):

@@ -3,6 +3,7 @@
 import io
 import json
 import random
+import threading
 
 import kbstore
 from kbstore import KbStoreError, seconds
@@ -74,3 +75,35 @@ def live_with_tanks(kb, clock, seed, steps):
         except KbStoreError:
             # refused by a rule, as it would be anywhere
             continue
+
+
+class following:
+    """A push that follows, in a thread, for a while."""
+
+    def __init__(self, kb, target, *arguments):
+        self._kb = kb
+        self._error = None
+        self._thread = threading.Thread(target=self._run, args=(kb, target, *arguments))
+
+    def _run(self, *arguments):
+        try:
+            kbstore.push(*arguments, follow=True)
+        except kbstore.KbStoreError as error:
+            self._error = error
+
+    def __enter__(self):
+        self._thread.start()
+
+    def __exit__(self, *_):
+        self._kb.close()
+        self._thread.join(30)
+        assert not self._thread.is_alive()
+        assert self._error is None, self._error
+
+
+def same(source, target, name):
+    """Whether the copy is the source already."""
+    try:
+        return export(target, name) == export(source, name)
+    except kbstore.KbStoreError:
+        return False
