@@ -155,13 +155,13 @@ class KnowledgeBase:
         self.close()
 
     def close(self) -> None:
-        """Close the connections to the store, and end what watches; what is asked afterwards is `StoreUnavailable`."""
+        """Close the connections to the store, and end what watches; questions afterwards raise `StoreUnavailable`."""
         for watch in list(self._watches):
             watch.close()
         self._database.close()
 
     def now(self) -> int:
-        """Now: the clock's time, or the latest recorded one if the clock is behind it (rule T3)."""
+        """Return now: the clock's time, or the latest recorded one if the clock is behind it (rule T3)."""
         with self._reader.repository() as repository:
             return self._reader.resolver.now(repository.head())
 
@@ -175,7 +175,7 @@ class KnowledgeBase:
         expect: int | None = None,
         connection: "Connection | None" = None,
     ) -> OpenTransaction:
-        """A transaction: a context manager with the same writing methods, and a `state` that sees its own writes.
+        """Begin a transaction: a context manager with the same writing methods, and a `state` that sees its own writes.
 
         Args:
             client: who writes.
@@ -310,7 +310,7 @@ class KnowledgeBase:
         client: str = "",
         note: str = "",
     ) -> Transaction:
-        """Several updates, in order, all or none."""
+        """Make several updates, in order, all or none."""
         with self.transaction(client=client, note=note) as tx:
             tx.update(updates, since=since, until=until)
         return tx.result
@@ -367,7 +367,7 @@ class KnowledgeBase:
         return tx.result
 
     def clear(self, *, client: str = "", note: str = "") -> Transaction:
-        """End everything that holds, cancel everything scheduled, abort what runs; history remains."""
+        """End everything that holds, cancel everything scheduled, and abort what runs; history remains (rule C12)."""
         with self.transaction(client=client, note=note) as tx:
             tx.clear()
         return tx.result
@@ -406,7 +406,7 @@ class KnowledgeBase:
         return self._reader.state_at(at, as_of)
 
     def truth(self, question: Question, at: TimeLike | None = None, as_of: AsOf | None = None) -> Truth:
-        """The truth value of a fact or condition at a time."""
+        """Return the truth value of a fact or condition at a time."""
         return self._answers.truth(question, at, as_of)
 
     def holds(self, question: Question, at: TimeLike | None = None, as_of: AsOf | None = None) -> bool:
@@ -414,7 +414,7 @@ class KnowledgeBase:
         return self._answers.truth(question, at, as_of) is Truth.TRUE
 
     def value(self, question: Question, at: TimeLike | None = None, as_of: AsOf | None = None) -> float:
-        """The value of a numeric function or expression at a time.
+        """Return the value of a numeric function or expression at a time.
 
         Raises `UndefinedFunction` or `DivisionByZero` where it has none.
         """
@@ -439,11 +439,11 @@ class KnowledgeBase:
             return bindings(condition, symbols, self._reader.world(repository, point, symbols.domain))
 
     def explain(self, question: Question, at: TimeLike | None = None, as_of: AsOf | None = None) -> Explanation:
-        """Why a fact or condition is true, false or unknown at a time, and the transaction that made it so."""
+        """Explain why a fact or condition is true, false or unknown at a time, and which transaction made it so."""
         return self.state(at, as_of).explain(question)
 
     def query(self, *items: Question, at: TimeLike | None = None) -> QueryResult:
-        """The original's query: whether each of several items is true."""
+        """Return whether each of several items is true, as the original's query does."""
         return self._answers.query(items, at)
 
     def instances(
@@ -454,7 +454,7 @@ class KnowledgeBase:
         include_subtypes: bool = False,
         at: TimeLike | None = None,
     ) -> list[Instance]:
-        """The objects of a type, or all."""
+        """Return the objects of a type, or all."""
         wanted = key(type_name)
 
         @cache
@@ -478,14 +478,14 @@ class KnowledgeBase:
         return found
 
     def propositions(self, name: str = "", at: TimeLike | None = None) -> list[Fact]:
-        """The facts of a predicate, or all, of both signs."""
+        """Return the facts of a predicate, or all, of both signs."""
         items, domain = self._items((KnowledgeType.FACT,), at, name)
         if name and domain is not None:
             domain.predicate_signature(name)
         return cast("list[Fact]", items)
 
     def functions(self, name: str = "", at: TimeLike | None = None) -> list[Function]:
-        """The values of a numeric function, or of all."""
+        """Return the values of a numeric function, or of all."""
         items, domain = self._items((KnowledgeType.FUNCTION,), at, name)
         if name and domain is not None:
             domain.function_signature(name)
@@ -586,7 +586,7 @@ class KnowledgeBase:
         return self.state(at).constraints
 
     def to_problem(self, at: TimeLike | None = None, as_of: AsOf | None = None) -> Any:
-        """The planning problem as of any moment, as a `unified_planning` Problem (extra `planning`)."""
+        """Return the planning problem as of any moment as a `unified_planning` Problem (extra `planning`)."""
         from kbstore.interop.unified_planning import to_problem
 
         return to_problem(self.state(at, as_of))
@@ -600,7 +600,7 @@ class KnowledgeBase:
         until: TimeLike | None = None,
         as_of: AsOf | None = None,
     ) -> Assertions:
-        """The assertions that match a pattern, in order of time; ``?`` matches any object (rule Q3).
+        """Return the assertions that match a pattern, in order of time; ``?`` matches any object (rule Q3).
 
         Without a pattern, all but those of goals. With `as_of` (a time or a `Transaction`), those that were on record
         then, as they were.
@@ -610,7 +610,7 @@ class KnowledgeBase:
     def transactions(
         self, since: TimeLike | None = None, until: TimeLike | None = None, as_of: AsOf | None = None
     ) -> list[Transaction]:
-        """The transactions of a span, in order; with `as_of`, those that had been committed then."""
+        """Return the transactions of a span, in order; with `as_of`, those that had been committed then."""
         return self._history.transactions_within(since, until, as_of)
 
     def frame(
@@ -645,7 +645,7 @@ class KnowledgeBase:
         return arrow_table(relation(self, of, pattern, since, until, as_of))
 
     def when(self, condition: Question, since: TimeLike, until: TimeLike, as_of: AsOf | None = None) -> Intervals:
-        """The maximal half-open intervals in ``[since, until)`` in which a condition is true (rule Q4).
+        """Return the maximal half-open intervals in ``[since, until)`` in which a condition is true (rule Q4).
 
         With `as_of` (a time or a `Transaction`), as it was believed then.
         Raises `NotLinear` where a comparison is not linear in time within the span.
@@ -679,7 +679,7 @@ class KnowledgeBase:
         return difference(before, after)
 
     def changes(self, after: int | Change | Transaction = 0) -> Iterator[Change]:
-        """Each transaction after one, in the order of commit, with all that it did (rule Q6)."""
+        """Iterate over the transactions after one, in the order of commit, each with all that it did (rule Q6)."""
         return self._history.changes(after if isinstance(after, int) else after.number)
 
     def watch(
@@ -690,7 +690,7 @@ class KnowledgeBase:
         poll: float = 0.05,
         timeout: float | None = None,
     ) -> Watch[Change]:
-        """The same as it happens, waiting, with what takes effect by the clock alone (rule Q6).
+        """Follow the transactions as they happen, and what takes effect by the clock alone (rule Q6).
 
         Args:
             pattern: only changes with an assertion that matches it, and only those assertions.
@@ -710,7 +710,7 @@ class KnowledgeBase:
     def watch_condition(
         self, condition: Question, *, poll: float = 0.05, timeout: float | None = None
     ) -> Watch[TruthChange]:
-        """The truth of a condition now, and each change of it as it happens (rule Q9).
+        """Follow a condition: its truth now, and each change of it as it happens (rule Q9).
 
         Args:
             condition: anything that `holds` takes.
@@ -747,7 +747,7 @@ class KnowledgeBase:
         return next((t for t, truth, _ in self._watched(watch) if truth is Truth.TRUE), None)
 
     def sample(self, expression: Question, since: TimeLike, until: TimeLike, step: DurationLike) -> list[Sample]:
-        """The value of a numeric function or expression at `since`, and at each `step` from there on before `until`.
+        """Return the value of an expression at `since`, and at each `step` from there on before `until`.
 
         Returns:
             Pairs of a time and the value then; None where it has none.
@@ -812,7 +812,7 @@ class KnowledgeBase:
             return applicability(domain, world, read_state, operator, arguments, duration)
 
     def apply(self, operator: str, *arguments: str, client: str = "", note: str = "") -> Transaction:
-        """Do the whole of an instantaneous action. Raises `NotApplicable` with the conditions that fail."""
+        """Apply an instantaneous action. Raises `NotApplicable` with the conditions that fail."""
         with self.transaction(client=client, note=note) as tx:
             tx.apply(operator, *arguments)
         return tx.result
@@ -826,7 +826,7 @@ class KnowledgeBase:
         client: str = "",
         note: str = "",
     ) -> Run:
-        """Start a durative action: its at-start effects, and its continuous ones begin (rule O3).
+        """Start a durative action: at-start effects take place, continuous ones begin (rule O3).
 
         Args:
             operator: the name of the action.
@@ -847,7 +847,7 @@ class KnowledgeBase:
             return tx.start(operator, *arguments, duration=duration, force=force)
 
     def end(self, run: Run, *, client: str = "", note: str = "") -> Ended:
-        """End a durative action: its at-end effects. The answer's `failing` are the at-end conditions that failed.
+        """End a durative action: at-end effects take place. `failing` has the at-end conditions that failed.
 
         Its `broken` are the over-all conditions that were not true meanwhile, each with its span (rule O6).
 
@@ -867,7 +867,7 @@ class KnowledgeBase:
         return tx.result
 
     def broken(self, run: Run) -> list[Broken]:
-        """The over-all conditions of a run that were not true in ``[started, ended)``, each with its spans (rule O6).
+        """Return the over-all conditions of a run that were broken while it ran, each with its spans (rule O6).
 
         Unknown counts as not true, and so does what cannot be decided.
         """
@@ -880,7 +880,7 @@ class KnowledgeBase:
         until: TimeLike | None = None,
         as_of: AsOf | None = None,
     ) -> list[Run]:
-        """The durative actions that ran within a span, in the order of their starts (rule Q8).
+        """Return the durative actions that ran within a span, in the order of their starts (rule Q8).
 
         Args:
             pattern: ``"(goto_waypoint kenny ? ?)"`` or the name of an operator; None: all.

@@ -58,8 +58,8 @@ def read_plan(text: str, domain: Domain, names: Mapping[str, str] | None = None)
     """Read the steps of a plan in text, in the order in which they happen.
 
     `kbstore.interop.plans.execute` takes them. Blank lines, comments (``;``) and what planners print around a plan are
-    skipped; of several plans the last is read. The domain says which actions take time: a duration of an
-    instantaneous one in the text counts for nothing. Times are rounded to the nearest nanosecond.
+    skipped; of several plans the last is read. The domain determines which actions take time: the text's duration of
+    an instantaneous one is ignored. Times are rounded to the nearest nanosecond.
 
     Args:
         text: the output of a planner, or a plan's file.
@@ -68,8 +68,8 @@ def read_plan(text: str, domain: Domain, names: Mapping[str, str] | None = None)
             knowledge base has: `StrictPddl.names` (rule P5).
 
     Raises:
-        PddlSyntaxError: a line looks like a step and is none, an action lacks the time or the duration that it needs,
-            or there is text, but no plan in it.
+        PddlSyntaxError: a line looks like a step and is not one, an action lacks the time or the duration that it
+            needs, or the text has no plan.
         UnknownSymbol: the domain has no operator of that name.
     """
     reader = _PlanReader(domain, {key(name): meant for name, meant in (names or {}).items()})
@@ -179,7 +179,7 @@ class _PlanReader:
 
 
 def _without_comment(line: str) -> str:
-    """The line up to its comment; the ``;`` between duration and cost in brackets begins none."""
+    """Return the line up to its comment; a ``;`` between duration and cost in brackets does not begin one."""
     content, semicolon, rest = line.partition(";")
     if semicolon and content.rpartition("[")[2].lstrip()[:1] in ("D", "d") and "]" in rest:
         inside, bracket, after = rest.partition("]")

@@ -32,7 +32,7 @@ class Happening(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """One thing to do: apply an instantaneous action, or start or end a durative one.
+    """One step of a plan: applies an instantaneous action, or starts or ends a durative one.
 
     `at` is in nanoseconds from the start of the plan, None in a plan that has an order but no times; `duration` in
     nanoseconds, None for what is instantaneous.
@@ -50,12 +50,12 @@ class Step:
 
     @property
     def action(self) -> tuple[str, ...]:
-        """The keys of the operator and its arguments: what two steps of one run have in common."""
+        """The keys of the operator and its arguments, which the start and the end of one run share."""
         return (key(self.operator), *map(key, self.arguments))
 
 
 def steps(plan: Any) -> list[Step]:
-    """The steps of a sequential or time-triggered plan of unified_planning, in the order in which they happen.
+    """Return the steps of a sequential or time-triggered plan of unified_planning, in the order in which they happen.
 
     A durative action is two steps, its start and its end. At one time ends come before what begins, as that may
     need what they bring about. Times are rounded to the nearest nanosecond.
@@ -78,7 +78,7 @@ def steps(plan: Any) -> list[Step]:
 
 
 def timed_steps(operator: str, arguments: tuple[str, ...], at: int, duration: int | None) -> list[Step]:
-    """The steps of one action at a time: one without a duration is applied, another one starts and ends."""
+    """Return the steps of an action that begins at a time: without a duration it is applied."""
     if duration is None:
         return [Step(Happening.APPLY, operator, arguments, at)]
     return [
@@ -88,7 +88,7 @@ def timed_steps(operator: str, arguments: tuple[str, ...], at: int, duration: in
 
 
 def in_order(timed: Iterable[Step]) -> list[Step]:
-    """Steps that have times, in the order in which they happen; of one time, ends first, and otherwise as they came.
+    """Sort steps that have times: at one time ends come first, and otherwise the order stays.
 
     An end that comes `ROUNDING` or less after something begins is moved to it: where a planner computes that the one
     needs the other, its start and duration as decimals may add up to a nanosecond more.
@@ -122,17 +122,17 @@ def execute(
     *,
     stop_when_broken: bool = True,
 ) -> Iterator[tuple[Step, Any]]:
-    """Carry out a plan, one step for each turn of the loop, beginning now.
+    """Execute a plan, one step for each iteration, beginning now.
 
-    Before each step that has a time, `wait` is called with that time on the knowledge base's clock, and is to return
-    when it has come: for a `ManualClock` that is its `set`, for a robot a function that sleeps. Then the step is done
-    with `apply`, `start` or `end`, and comes with what that returned.
+    Before each step that has a time, `wait` is called with that time on the knowledge base's clock, and has to return
+    when it has come: for a `ManualClock` that is its `set`, for a robot a function that sleeps. Then the step is
+    performed with `apply`, `start` or `end`, and yielded with what that returned.
 
         for step, outcome in execute(kb, plan, clock.set):
             print(step)
 
-    What runs when a plan with times begins is part of the problem that it solves (rule O4): it is ended at its
-    expected end, also after the last step, unless it has been ended or aborted by then. What is late by then is left
+    Actions that run when a plan with times begins are part of the problem that it solves (rule O4): each is ended at
+    its expected end, also after the last step, unless it has been ended or aborted by then. Overdue ones are left
     alone.
 
     A duration that the planner rounded is the one that the domain allows, if there is one within a millisecond, and
@@ -140,7 +140,7 @@ def execute(
     all the same where the plan goes on before that: a later step may prevent it.
 
     `NotApplicable` ends the loop: from a step, or before one where an over-all condition of what runs has been broken
-    (rule O6). What was started then still runs, and is found in ``kb.state().running``.
+    (rule O6). Actions that were started still run, and are listed in ``kb.state().running``.
 
     Args:
         knowledge_base: The `KnowledgeBase` to act on.
@@ -247,5 +247,5 @@ def _named(instance: Any) -> tuple[str, tuple[str, ...]]:
 
 
 def nanoseconds(seconds: Fraction) -> int:
-    """Nanoseconds from exact seconds, to the nearest one."""
+    """Convert exact seconds to nanoseconds, rounded to the nearest."""
     return round(Fraction(seconds) * SECOND)

@@ -1,4 +1,4 @@
-"""Problems of unified_planning as PDDL, which is loaded like any other (rule P7)."""
+"""Converts problems of unified_planning to PDDL, which is loaded like any other (rule P7)."""
 
 import os
 from collections import Counter
@@ -54,18 +54,18 @@ _COST = "total-cost"
 
 
 class PddlTexts(NamedTuple):
-    """A domain and a problem of it."""
+    """The texts of a domain and of a problem."""
 
     domain: str
     problem: str
 
 
 class PlanningProblem(Protocol):
-    """A `unified_planning` Problem, for those who check types without the library."""
+    """Structural type of a `unified_planning` Problem, for type checkers without the library."""
 
     @property
     def user_types(self) -> list[Any]:
-        """Its types of objects."""
+        """The types of objects."""
 
     @property
     def timed_effects(self) -> dict[Any, list[Any]]:

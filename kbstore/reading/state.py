@@ -179,7 +179,7 @@ class State(Result):
         return [entry.run for entry in self._running]
 
     def objects(self, type_name: str = "") -> list[str]:
-        """The names of the objects of a type and its subtypes, constants included; of all types if none is given.
+        """Return the names of the objects of a type and its subtypes, constants included; without a type, of all.
 
         Raises `UnknownSymbol` for a type that the domain does not know.
         """
@@ -197,7 +197,7 @@ class State(Result):
     # -- questions --------------------------------------------------------------------------------------------
 
     def truth(self, question: Question) -> Truth:
-        """The truth value of a fact or condition: TRUE, FALSE or UNKNOWN (rules V2 to V9)."""
+        """Return the truth value of a fact or condition: TRUE, FALSE or UNKNOWN (rules V2 to V9)."""
         known = self._answers.get(question) if type(question) is str else None
         if known is not None:
             return known
@@ -213,7 +213,7 @@ class State(Result):
         return self.truth(question) is Truth.TRUE
 
     def value(self, question: Question) -> float:
-        """The value of a numeric function or expression.
+        """Return the value of a numeric function or expression.
 
         Raises `UndefinedFunction` or `DivisionByZero` where it has none.
         """
@@ -229,11 +229,11 @@ class State(Result):
         return bindings(condition, self.symbol_table, self.snapshot)
 
     def explain(self, question: Question) -> "Explanation":
-        """Why a fact or condition is true, false or unknown, and the transaction that made it so."""
+        """Explain why a fact or condition is true, false or unknown, and which transaction made it so."""
         return self._explainer(self, question)
 
     def query(self, *items: Question) -> QueryResult:
-        """The original's query: whether each item is true; unknown counts as not true."""
+        """Return whether each item is true, as the original's query does; unknown counts as not true."""
         return query_result(items, [self.holds(item) for item in items], self.symbol_table)
 
     # -- planning ---------------------------------------------------------------------------------------------
@@ -254,7 +254,7 @@ class State(Result):
         return list(last.values())
 
     def projection(self) -> Simulator:
-        """The state, to be played forward."""
+        """Return a simulator that plays the state forward."""
         return Simulator(
             self.at,
             self.snapshot.rows,

@@ -103,8 +103,7 @@ class Overlay(Telling):
         if not all(then.truth(wanted, self.now, run) for wanted in start.facts(start.action.invariants)):
             self.failures.append(Refused("NotApplicable", str(start)))
             return
-        rates = run.pieces[-1][1]
-        if None in rates.values() or any(("state", "function", *term) not in then.standing for term in rates):
+        if any(then.lacks_a_number(flow, run, self.now) for flow in start.action.flows):
             raise Unsettled("a continuous effect on an undefined function, or at a rate that is undefined at once")
         if then.reads_what_moves(self.now):
             self.failures.append(Refused("NotLinear", str(start)))

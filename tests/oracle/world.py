@@ -191,15 +191,16 @@ class World:
                 None if fact is None else run.start.facts([fact])[0] for fact in (flow.condition, flow.at_start)
             )
             if (at_start is None or at_start in run.remembered) and (condition is None or self._now_holds(condition)):
-                found.append(
-                    replace(
-                        flow,
-                        term=run.start.ground_term(flow.term),
-                        factors=tuple((factor, run.start.ground_term(term)) for factor, term in flow.factors),
-                        divisor=flow.divisor and run.start.ground_term(flow.divisor),
-                    )
-                )
+                found.append(self._grounded(flow, run))
         return found
+
+    def _grounded(self, flow: Flow, run: Running) -> Flow:
+        return replace(
+            flow,
+            term=run.start.ground_term(flow.term),
+            factors=tuple((factor, run.start.ground_term(term)) for factor, term in flow.factors),
+            divisor=flow.divisor and run.start.ground_term(flow.divisor),
+        )
 
     def _now_holds(self, wanted: Fact) -> bool:
         told = self.standing.get(timeline("state", wanted))
@@ -219,6 +220,11 @@ class World:
         if flow.divisor is None:
             return rate
         return rate / values[flow.divisor] if values[flow.divisor] else None
+
+    def lacks_a_number(self, flow: Flow, run: Running, t: int) -> bool:
+        """Whether a continuous effect, were it to act, has no rate, or nothing to move."""
+        grounded = self._grounded(flow, run)
+        return ("state", "function", *grounded.term) not in self.standing or self._rate(grounded, t) is None
 
     def follow(self, t: int, fresh: Iterable[Term] = ()) -> None:
         """Let what runs move numbers at the rates of now; without a rate a number becomes undefined, unless `fresh`.
