@@ -7,6 +7,7 @@ instead.
 import logging
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib.metadata import version
 from typing import Annotated, Any
 
 from mcp.server.mcpserver import Context, MCPServer
@@ -100,7 +101,7 @@ def agent_server(kb: KnowledgeBase, *, allow_writes: bool = False) -> MCPServer[
         vocabulary=agent_text.vocabulary(domain),
     )
     with host_logging():
-        return MCPServer("kbstore", instructions=instructions, tools=found)
+        return MCPServer("kbstore", version=version("kbstore"), instructions=instructions, tools=found)
 
 
 @contextmanager

@@ -265,6 +265,41 @@ def test_an_end_that_lies_ahead_names_the_transaction_that_scheduled_it(kb):
         assert (first.end_time, first.ended.number, first.cancelled) == (START + 10, later.number, None)
 
 
+def test_a_history_of_everything(kb, clock):
+    """Q3: without a pattern all kinds of the state are listed, by time, and no goals; as of a transaction, as then."""
+    kb.add_goal("(open wp1)")
+    first = kb.add("(open wp0)", "(= (battery kenny) 80)", "(> (cost) 3)", "maximize (cost)")
+    clock.advance(seconds(1))
+    kb.remove("(open wp0)")
+    kb.add("(raining)", initial_time="+1s")
+    listed = [(str(found.item), found.initial_time - START, found.end_time) for found in kb.history()]
+    assert sorted(listed[:-1], key=str) == [
+        ("(= (battery kenny) 80)", 0, None),
+        ("(> (cost) 3)", 0, None),
+        ("(open wp0)", 0, START + seconds(1)),
+        *((item, 0, None) for item in ("cup - item", "galley - kitchen", "hall - room", "kenny - robot")),
+        ("maximize (cost)", 0, None),
+        *((item, 0, None) for item in ("wp0 - place", "wp1 - place")),
+    ]
+    assert listed[-1] == ("(raining)", seconds(2), None)
+    assert ("(open wp0)", None) in [(str(found.item), found.end_time) for found in kb.history(as_of=first)]
+    assert [str(found.item) for found in kb.history(since=START + seconds(2))].count("(open wp0)") == 0
+
+
+def test_the_transactions_of_a_span(kb, clock):
+    """Q6: those of ``[since, until)`` in order; as of a time or a transaction, those that had been committed."""
+    for number in range(3, 6):
+        clock.advance(seconds(1))
+        told = kb.add(f"wp{number} - place", client="mapper", note=f"room {number}")
+        assert told.number == number
+    assert [tx.number for tx in kb.transactions()] == [1, 2, 3, 4, 5]
+    assert kb.transactions()[-1] == told
+    assert [tx.number for tx in kb.transactions(START + seconds(1), START + seconds(3))] == [3, 4]
+    assert [tx.number for tx in kb.transactions(as_of=START + seconds(2))] == [1, 2, 3, 4]
+    assert [tx.number for tx in kb.transactions(START, as_of=kb.transactions()[1])] == [1, 2]
+    assert kb.transactions("+1s") == []
+
+
 def test_a_history_of_an_unknown_symbol_is_refused(kb):
     """Q3, V8: an unknown symbol is an error; an unknown object has an empty history."""
     with pytest.raises(kbstore.UnknownSymbol, match="flying"):

@@ -4,6 +4,7 @@ import logging
 import re
 import shutil
 import sys
+from importlib.metadata import version
 from pathlib import Path
 
 import anyio
@@ -70,6 +71,7 @@ def refused(kb, tool, **arguments):
 def listed(server):
     async def run():
         async with Client(server) as client:
+            assert client.server_info.version == version("kbstore")
             return (await client.list_tools()).tools, client.instructions
 
     return anyio.run(run)
