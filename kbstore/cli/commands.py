@@ -122,6 +122,18 @@ COMMANDS = [
         "Offer a knowledge base to an agent, as tools by the Model Context Protocol on standard input and output.",
     ),
     Command(
+        "ros plansys2",
+        "ros.plansys2",
+        None,
+        "Take the place of PlanSys2's problem expert and domain expert, on ROS 2.",
+    ),
+    Command(
+        "ros record",
+        "ros.record",
+        None,
+        "Record a running PlanSys2, on ROS 2: what it knows, its goals, plans, and the actions that it executes.",
+    ),
+    Command(
         "ros rosplan",
         "ros.rosplan",
         None,

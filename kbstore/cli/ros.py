@@ -1,10 +1,16 @@
-"""Nodes on a ROS graph: ``ros rosplan``."""
+"""Nodes on a ROS graph: ``ros plansys2``, ``ros record``, ``ros rosplan``."""
 
 from typing import Annotated
 
 import typer
 
-from kbstore.cli.options import Kb, Url
+from kbstore.cli.options import Kb, Url, store
+from kbstore.errors import MissingLibrary
+
+Ros2Arguments = Annotated[
+    list[str] | None,
+    typer.Argument(metavar="ROS", help="What ROS reads: --ros-args -p NAME:=VALUE -r FROM:=TO.", show_default=False),
+]
 
 RosArguments = Annotated[
     list[str] | None,
@@ -27,3 +33,55 @@ def rosplan(arguments: RosArguments = None, url: Url = None, kb: Kb = None) -> N
     from kbstore.ros.rosplan_node import run
 
     run(url, kb, arguments or ())
+
+
+def plansys2(arguments: Ros2Arguments = None, url: Url = None, kb: Kb = None) -> None:
+    """Take the place of PlanSys2's problem expert and domain expert, on ROS 2.
+
+    Both are lifecycle nodes, which PlanSys2's bringup configures and activates. Their parameters are model_file,
+    problem_file, url and kb; ROS's own arguments come after --. Started again, they go on where they were.
+
+    Examples:
+        kbstore ros plansys2 --url robot.db -- --ros-args -p model_file:=domain.pddl
+        kbstore ros plansys2 --url robot.db --kb kenny -- --ros-args -p problem_file:=problem.pddl -r __ns:=/kenny
+    """
+    try:
+        from kbstore.ros.plansys2_node import run
+    except ImportError as error:
+        raise _needs("PlanSys2's experts need", error) from None
+    run(url, kb, arguments or ())
+
+
+def record(
+    arguments: Ros2Arguments = None,
+    domain: Annotated[
+        str | None, typer.Option(metavar="FILE", help="The domain (default: what PlanSys2's domain expert says).")
+    ] = None,
+    problem: Annotated[
+        str | None, typer.Option(metavar="FILE", help="A problem that declares objects with their types.")
+    ] = None,
+    url: Url = None,
+    kb: Kb = None,
+) -> None:
+    """Record a running PlanSys2, on ROS 2: what it knows, its goals, plans, and the actions that it executes.
+
+    It listens beside PlanSys2 and changes nothing of it. Stopped and started again, it goes on. Do not write anything
+    else to this knowledge base: it becomes what PlanSys2 says.
+
+    Examples:
+        kbstore ros record --url robot.db --kb kenny
+        kbstore ros record --url robot.db --kb kenny -- --ros-args -r __ns:=/kenny -p use_sim_time:=true
+    """
+    place = store(url)
+    try:
+        from kbstore.ros.recorder_node import run
+    except ImportError as error:
+        raise _needs("the recorder needs", error) from None
+    run(place, kb or "default", domain, problem, arguments or ())
+
+
+def _needs(who: str, error: ImportError) -> MissingLibrary:
+    return MissingLibrary(
+        f"{who} rclpy and plansys2_msgs, of which one cannot be imported ({error}); set up the shell for ROS 2 and "
+        "for PlanSys2's workspace (source install/setup.bash), and install kbstore for the same Python"
+    )

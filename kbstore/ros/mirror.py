@@ -87,15 +87,14 @@ class Mirror:
         """The objects of a `Knowledge` whose types are not known yet."""
         return [name for name in message.instances if not self.types.knows(name)]
 
-    def knowledge(self, message: Any, time: int, values: Sequence[Any] | None = None) -> Transaction:
+    def knowledge(self, message: Any, time: int, values: Sequence[Any] = ()) -> Transaction:
         """Make the state and the goal what a `Knowledge` says, by the difference alone (rule C13).
 
         Args:
             message: has `instances`, `predicates`, `functions` and `goal`.
             time: when it was published, in nanoseconds.
-            values: `Node` messages of the functions, since PlanSys2 writes functions into a `Knowledge` without
-                their values. None: those that are listed keep the value that is recorded; without one they remain
-                undefined.
+            values: `Node` messages of functions, since a `Knowledge` lists functions without their values. A function
+                that is not among them keeps the value that is recorded, or remains undefined.
 
         Raises:
             InvalidKnowledge: with all violations, objects among them whose types cannot be inferred.
@@ -112,7 +111,7 @@ class Mirror:
         items += [fact for fact in facts if not self._domain.is_derived(fact.attribute_name)]
         self._clock.set(time)
         with self._kb.transaction(client=self._client, note="snapshot") as tx:
-            items += _functions(values) if values is not None else self._known_functions(tx, message.functions)
+            items += _valued(message.functions, _functions(values), tx)
             tx.replace(*items)
             if message.goal != self._goal:
                 tx.remove_goal(*tx.state().goals)
@@ -121,13 +120,20 @@ class Mirror:
         self._goal = message.goal
         return tx.result
 
-    def _known_functions(self, tx: OpenTransaction, texts: Sequence[str]) -> list[Function]:
-        """The functions of a snapshot with the values that they have there, or are recorded."""
-        if not texts:
-            return []
-        recorded = {key(item.atom): item for item in tx.state().functions}
-        listed = (key(str(read_atom(text))) for text in texts)
-        return [recorded[atom] for atom in listed if atom in recorded]
+    def functions(self, nodes: Sequence[Any], time: int) -> Transaction:
+        """Make the functions what `Node` messages say, and leave the rest of the state as it is.
+
+        PlanSys2 publishes no `Knowledge` when a function is updated or removed. Functions of objects that are not
+        recorded are left to the next `Knowledge`.
+        """
+        given = {key(item.atom): item for item in _functions(nodes)}
+        self._clock.set(time)
+        with self._kb.transaction(client=self._client, note="functions") as tx:
+            state = tx.state()
+            exist = {key(name) for name in state.objects()}
+            tx.remove(*(item for item in state.functions if key(item.atom) not in given))
+            tx.add(*(item for item in given.values() if exist.issuperset(map(key, item.arguments))))
+        return tx.result
 
     # -- plans and executions ---------------------------------------------------------------------------------
 
@@ -154,6 +160,15 @@ class Mirror:
 def declared_types(problem: str | os.PathLike[str], domain: Domain) -> Mapping[str, str]:
     """The objects that a problem declares, and their types."""
     return {item.instance_name: item.instance_type for item in read_problem(problem, domain).instances}
+
+
+def _valued(texts: Sequence[str], given: Iterable[Function], tx: OpenTransaction) -> list[Function]:
+    """The functions of a snapshot with the values that are given or, without one, recorded."""
+    values = {key(item.atom): item for item in given}
+    listed = [key(str(read_atom(text))) for text in texts]
+    if not values.keys() >= set(listed):
+        values = {**{key(item.atom): item for item in tx.state().functions}, **values}
+    return [values[atom] for atom in listed if atom in values]
 
 
 def _functions(nodes: Sequence[Any]) -> list[Function]:

@@ -23,15 +23,17 @@ class Expert:
         try:
             getattr(self, service)(request, response)
         except KbStoreError as error:
-            self._refuse(response, str(error))
+            self.refuse(response, str(error))
         else:
             if hasattr(response, "success"):
                 response.success = True
         return response
 
     @staticmethod
-    def _refuse(response: Any, reason: str) -> None:
+    def refuse(response: Any, reason: str) -> Any:
+        """Answer that a request is refused, and why."""
         if hasattr(response, "success"):
             response.success, response.error_info = False, reason
         else:
             response.exist = False
+        return response

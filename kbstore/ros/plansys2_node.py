@@ -1,0 +1,211 @@
+"""PlanSys2's two experts as lifecycle nodes of ROS 2, which answer from a store.
+
+Needs rclpy and PlanSys2's messages (`plansys2_msgs`), which a ROS 2 distribution brings; a command imports it.
+"""
+
+import threading
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import rclpy
+from plansys2_msgs import msg, srv
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
+from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from std_msgs.msg import Empty
+
+import kbstore
+from kbstore.errors import KbStoreError, StoreUnavailable
+from kbstore.knowledge_base import KnowledgeBase
+from kbstore.ros.joint_domain import joint_domain
+from kbstore.ros.plansys2_domain import DomainExpert
+from kbstore.ros.plansys2_problem import ProblemExpert
+from kbstore.ros.plansys2_service import Expert
+from kbstore.ros.ros2_clock import NodeClock
+
+DEPTH = 100
+"""How many messages of a topic wait for a slow subscriber."""
+
+THREADS = 4
+"""How many services are answered at a time."""
+
+VALIDATION = 1.0
+"""Seconds that PlanSys2's planner has to validate a domain."""
+
+
+def run(url: str | None, kb: str | None, arguments: Sequence[str] = ()) -> None:
+    """Start both nodes, and serve until they are shut down.
+
+    Args:
+        url: the store; None: the parameter `url`.
+        kb: the knowledge base; None: the parameter `kb`, or "default".
+        arguments: what ROS reads from a command line: ``--ros-args -p problem_file:=... -r __ns:=/robot``.
+    """
+    rclpy.init(args=["kbstore", *arguments])
+    nodes = [DomainExpertNode(url, kb), ProblemExpertNode(url, kb)]
+    executor = MultiThreadedExecutor(num_threads=THREADS)
+    for node in nodes:
+        executor.add_node(node)
+    try:
+        executor.spin()
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    finally:
+        executor.shutdown()
+        for node in nodes:
+            node.close()
+            node.destroy_node()
+        rclpy.try_shutdown()
+
+
+class ExpertNode(LifecycleNode):  # type: ignore[misc]
+    """A lifecycle node that opens a knowledge base when it is configured, and answers an expert's services from it."""
+
+    TYPES: dict[str, str]
+
+    def __init__(self, name: str, url: str | None, kb: str | None) -> None:
+        super().__init__(name)
+        self.declare_parameter("url", url or "")
+        self.declare_parameter("kb", kb or "default")
+        self.declare_parameter("model_file", "")
+        self._group = ReentrantCallbackGroup()
+        self._kb: KnowledgeBase | None = None
+        self._expert: Expert | None = None
+        for service, type_name in self.TYPES.items():
+            kind = getattr(srv, type_name, None)
+            # older PlanSys2 has not all of them
+            if kind is not None:
+                self.create_service(kind, f"{name}/{service}", self._handler(service), callback_group=self._group)
+
+    def _handler(self, service: str) -> Callable[[Any, Any], Any]:
+        def answer(request: Any, response: Any) -> Any:
+            expert = self._expert
+            if expert is None:
+                return Expert.refuse(response, f"{self.get_name()} is not configured; configure the node first")
+            expert.answer(service, request, response)
+            self._after(service, response)
+            return response
+
+        return answer
+
+    def _after(self, service: str, response: Any) -> None:
+        """Do what follows an answer."""
+
+    # -- transitions ------------------------------------------------------------------------------------------
+
+    def on_configure(self, state: Any) -> Any:
+        """Open the knowledge base and load what the parameters name; a failure says in words what is wrong."""
+        try:
+            self._kb = self._open()
+            self._expert = self._make(self._kb)
+        except KbStoreError as error:
+            self.close()
+            self.get_logger().error(str(error))
+            return TransitionCallbackReturn.FAILURE
+        self.get_logger().info(f"configured: {self._kb}")
+        return super().on_configure(state)
+
+    def on_cleanup(self, state: Any) -> Any:
+        """Close the knowledge base."""
+        self.close()
+        return super().on_cleanup(state)
+
+    def on_shutdown(self, state: Any) -> Any:
+        """Close the knowledge base."""
+        self.close()
+        return super().on_shutdown(state)
+
+    def close(self) -> None:
+        """Close the knowledge base, if it is open."""
+        self._expert = None
+        if self._kb is not None:
+            self._kb.close()
+            self._kb = None
+
+    def text(self, name: str) -> str:
+        """A parameter's value."""
+        return str(self.get_parameter(name).value)
+
+    def _open(self) -> KnowledgeBase:
+        if not self.text("url"):
+            raise StoreUnavailable("which store? name it with --url FILE (or a SQLAlchemy URL), or the parameter url")
+        clock = NodeClock(self)
+        clock.wait()
+        kb = kbstore.open(self.text("url"), self.text("kb"), clock=clock)
+        if self.text("model_file"):
+            kb.load(joint_domain(self.text("model_file")), client=self.get_name(), note="model_file")
+        return kb
+
+    def _make(self, kb: KnowledgeBase) -> Expert:
+        """The expert that answers from a knowledge base."""
+        raise NotImplementedError
+
+
+class DomainExpertNode(ExpertNode):
+    """The node `domain_expert`."""
+
+    TYPES = DomainExpert.TYPES
+
+    def __init__(self, url: str | None, kb: str | None) -> None:
+        super().__init__("domain_expert", url, kb)
+        self.declare_parameter("validate_using_planner_node", False)
+        self._validation = self.create_client(srv.ValidateDomain, "planner/validate_domain", callback_group=self._group)
+
+    def _make(self, kb: KnowledgeBase) -> Expert:
+        domain = kb.domain_to_pddl()
+        if self.get_parameter("validate_using_planner_node").value:
+            self._validate(domain)
+        return DomainExpert(kb, msg)
+
+    def _validate(self, domain: str) -> None:
+        """Ask PlanSys2's planner whether it accepts the domain."""
+        if not self._validation.wait_for_service(timeout_sec=3.0):
+            raise StoreUnavailable("planner/validate_domain is not there; start the planner first")
+        done = threading.Event()
+        future = self._validation.call_async(srv.ValidateDomain.Request(domain=domain))
+        future.add_done_callback(lambda _: done.set())
+        if not done.wait(VALIDATION):
+            raise StoreUnavailable(f"planner/validate_domain has not answered within {VALIDATION:g} s")
+        if not future.result().success:
+            raise kbstore.InvalidKnowledge(f"the planner does not accept the domain: {future.result().error_info}")
+
+
+class ProblemExpertNode(ExpertNode):
+    """The node `problem_expert`, with its topics."""
+
+    TYPES = ProblemExpert.TYPES
+
+    def __init__(self, url: str | None, kb: str | None) -> None:
+        super().__init__("problem_expert", url, kb)
+        self.declare_parameter("problem_file", "")
+        latched = QoSProfile(depth=DEPTH, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        self._updates = self.create_lifecycle_publisher(Empty, "problem_expert/update_notify", DEPTH)
+        self._knowledge = self.create_lifecycle_publisher(msg.Knowledge, "problem_expert/knowledge", latched)
+        self._publishing = threading.Lock()
+
+    def _make(self, kb: KnowledgeBase) -> ProblemExpert:
+        if self.text("problem_file"):
+            kb.load(None, self.text("problem_file"), once=True, client=self.get_name(), note="problem_file")
+        # without a domain nothing can be answered
+        _ = kb.domain
+        return ProblemExpert(kb, msg, client=self.get_name())
+
+    def on_activate(self, state: Any) -> Any:
+        """Publish what is known: after a restart, subscribers would wait for the first change."""
+        result = super().on_activate(state)
+        self._publish()
+        return result
+
+    def _after(self, service: str, response: Any) -> None:
+        if service in ProblemExpert.CHANGING and response.success:
+            self._updates.publish(Empty())
+            if service not in ProblemExpert.QUIET:
+                self._publish()
+
+    def _publish(self) -> None:
+        # one at a time, so that the last that is published is the latest
+        with self._publishing:
+            expert = self._expert
+            if isinstance(expert, ProblemExpert):
+                self._knowledge.publish(expert.knowledge())

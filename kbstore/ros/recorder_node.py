@@ -1,0 +1,207 @@
+"""A node of ROS 2 that records a running PlanSys2 in a knowledge base, and changes nothing of it.
+
+What it receives waits in order; of the snapshots that wait only the latest is recorded. Needs rclpy and PlanSys2's
+messages (`plansys2_msgs`), which a ROS 2 distribution brings; a command imports it.
+"""
+
+import threading
+from collections import deque
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import rclpy
+from plansys2_msgs import msg, srv
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from std_msgs.msg import Empty
+
+import kbstore
+from kbstore.clock import ManualClock
+from kbstore.errors import ClockJumped, ClockWentBackwards, KbStoreError, UnknownSymbol
+from kbstore.knowledge_base import KnowledgeBase
+from kbstore.ros.joint_domain import joint_domain
+from kbstore.ros.mirror import Mirror
+from kbstore.ros.ros2_clock import NodeClock
+
+NAME = "kbstore_recorder"
+
+DEPTH = 100
+"""How many messages of a topic wait to be received."""
+
+ANSWER = 1.0
+"""Seconds that PlanSys2's experts have to answer a question."""
+
+SETTLED = 0.05
+"""Seconds after `update_notify` within which a `Knowledge` makes a question about functions needless."""
+
+FATAL = (ClockJumped, ClockWentBackwards)
+"""What no later message can mend."""
+
+
+def run(url: str, kb: str, domain: str | None, problem: str | None, arguments: Sequence[str] = ()) -> None:
+    """Record until the node is shut down.
+
+    Args:
+        url: the store.
+        kb: the knowledge base; it is created if there is none.
+        domain: path of the domain; None: what the domain expert answers, or the knowledge base has.
+        problem: path of a problem that declares objects; None: the problem expert is asked for their types.
+        arguments: what ROS reads from a command line: ``--ros-args -r __ns:=/robot``.
+
+    Raises:
+        ClockWentBackwards, ClockJumped: the node's clock is before, or far after, what has been recorded.
+        StoreUnavailable: the store cannot be reached at the start.
+    """
+    rclpy.init(args=["kbstore", *arguments])
+    node = Node(NAME)
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    clock = ManualClock()
+    try:
+        with kbstore.open(url, kb, clock=clock) as opened:
+            recorder = Recorder(node, opened, clock, domain, problem)
+            worker = threading.Thread(target=recorder.work, args=[executor.wake], name="recorder")
+            worker.start()
+            try:
+                while rclpy.ok() and recorder.failure is None:
+                    executor.spin_once(timeout_sec=0.5)
+            finally:
+                recorder.stop()
+                worker.join()
+            if recorder.failure is not None:
+                raise recorder.failure
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    finally:
+        executor.shutdown()
+        node.destroy_node()
+        rclpy.try_shutdown()
+
+
+class Recorder:
+    """Receives in the executor's thread, and records in a thread of its own (`work`)."""
+
+    def __init__(
+        self, node: Any, kb: KnowledgeBase, clock: ManualClock, domain: str | None, problem: str | None
+    ) -> None:
+        self.failure: KbStoreError | None = None
+        self._node, self._kb, self._clock = node, kb, clock
+        self._domain, self._problem = domain, problem
+        self._log = node.get_logger()
+        self._time = NodeClock(node)
+        self._ready = threading.Condition()
+        self._waiting: deque[tuple[str, Any, int]] = deque()
+        self._is_stopping = False
+        self._told = ""
+        self._instances: frozenset[str] = frozenset()
+        latched = QoSProfile(depth=DEPTH, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        for topic, kind, quality, handler in (
+            ("problem_expert/knowledge", msg.Knowledge, latched, "knowledge"),
+            ("problem_expert/update_notify", Empty, DEPTH, "notify"),
+            ("executing_plan", msg.Plan, latched, "plan"),
+            ("action_execution_info", msg.ActionExecutionInfo, DEPTH, "info"),
+            ("actions_hub", msg.ActionExecution, DEPTH, "hub"),
+        ):
+            node.create_subscription(kind, topic, self._receiver(handler), quality)
+        self._ask_domain = node.create_client(srv.GetDomain, "domain_expert/get_domain")
+        self._ask_instances = node.create_client(srv.GetProblemInstances, "problem_expert/get_problem_instances")
+        self._ask_functions = node.create_client(srv.GetStates, "problem_expert/get_problem_functions")
+
+    def _receiver(self, kind: str) -> Callable[[Any], None]:
+        def receive(message: Any) -> None:
+            with self._ready:
+                if kind in ("knowledge", "notify"):
+                    # only the latest counts, in its own place
+                    self._waiting = deque(entry for entry in self._waiting if entry[0] not in (kind, "notify"))
+                self._waiting.append((kind, message, self._time.now()))
+                self._ready.notify()
+
+        return receive
+
+    def stop(self) -> None:
+        """End `work` after what it is recording."""
+        with self._ready:
+            self._is_stopping = True
+            self._ready.notify()
+
+    # -- recording --------------------------------------------------------------------------------------------
+
+    def work(self, wake: Callable[[], Any]) -> None:
+        """Record what is received until `stop`, or until an error that no later message can mend; then call `wake`."""
+        try:
+            mirror = self._open_mirror()
+            while mirror is not None and (entry := self._next()) is not None:
+                try:
+                    self._record(mirror, *entry)
+                except FATAL:
+                    raise
+                except KbStoreError as error:
+                    self._tell(f"not recorded: {error}")
+        except KbStoreError as error:
+            self.failure = error
+        wake()
+
+    def _next(self) -> tuple[str, Any, int] | None:
+        with self._ready:
+            self._ready.wait_for(lambda: self._waiting or self._is_stopping)
+            if not self._is_stopping and len(self._waiting) == 1 and self._waiting[0][0] == "notify":
+                # a Knowledge that follows has the news
+                self._ready.wait_for(lambda: len(self._waiting) > 1 or self._is_stopping, SETTLED)
+            return None if self._is_stopping else self._waiting.popleft()
+
+    def _open_mirror(self) -> Mirror | None:
+        """Wait until the domain is known; None where `stop` comes first."""
+        while not self._is_stopping:
+            domain = None if self._domain is None else joint_domain(self._domain)
+            if domain is None and (answer := self._ask(self._ask_domain, srv.GetDomain.Request(), ANSWER)):
+                domain = answer.domain
+            try:
+                self._clock.set(self._time.now())
+                return Mirror(self._kb, self._clock, domain=domain, problem=self._problem)
+            except UnknownSymbol:
+                self._tell("waiting for domain_expert/get_domain; --domain names the domain without it")
+        return None
+
+    def _record(self, mirror: Mirror, kind: str, message: Any, time: int) -> None:
+        match kind:
+            case "knowledge":
+                self._snapshot(mirror, message, time)
+            case "notify":
+                answer = self._ask(self._ask_functions, srv.GetStates.Request())
+                if answer is not None:
+                    mirror.functions(answer.states, time)
+            case "plan":
+                mirror.plan(message)
+            case "info":
+                mirror.action_execution_info(message, time)
+            case "hub":
+                mirror.actions_hub(message, time)
+
+    def _snapshot(self, mirror: Mirror, message: Any, time: int) -> None:
+        names = frozenset(message.instances)
+        if not names <= self._instances:
+            answer = self._ask(self._ask_instances, srv.GetProblemInstances.Request())
+            if answer is not None:
+                mirror.give_types(answer.instances)
+        values = self._ask(self._ask_functions, srv.GetStates.Request()) if message.functions else None
+        mirror.knowledge(message, time, () if values is None else values.states)
+        self._instances = names
+
+    def _ask(self, client: Any, request: Any, patience: float = 0.0) -> Any:
+        """The answer of one of PlanSys2's experts; None where it is not there, refuses, or takes longer than `ANSWER`."""
+        if not client.service_is_ready() and not (patience and client.wait_for_service(timeout_sec=patience)):
+            return None
+        done = threading.Event()
+        future = client.call_async(request)
+        future.add_done_callback(lambda _: done.set())
+        if not done.wait(ANSWER) or not future.result().success:
+            client.remove_pending_request(future)
+            return None
+        return future.result()
+
+    def _tell(self, text: str) -> None:
+        """Log a sentence, once as long as nothing else is to be told."""
+        if text != self._told:
+            self._told = text
+            self._log.warning(text)

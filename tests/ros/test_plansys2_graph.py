@@ -1,0 +1,428 @@
+"""PlanSys2's experts and the recorder on a real graph of ROS 2, on loopback: `make test-ros2` runs this.
+
+The messages are generated and compiled from the definitions in this directory (`plansys2_build.py`).
+"""
+
+import os
+import statistics
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+
+import pytest
+
+os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+os.environ["ROS_DOMAIN_ID"] = str(os.getpid() % 100 + 1)
+
+pytest.importorskip("rclpy", reason="ROS 2 is not here: make test-ros2 brings it")
+
+from plansys2_msgs import msg, srv
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rosgraph_msgs.msg import Clock
+from std_msgs.msg import Empty
+
+import kbstore
+from kbstore.clock import ManualClock, seconds
+from kbstore.ros.plansys2_domain import DomainExpert
+from kbstore.ros.plansys2_problem import ProblemExpert
+from tests.ros.plansys2_calls import text
+from tests.ros.plansys2_doubles import DOMAIN
+from tests.ros.ros2_graph import (
+    ACTIVATE,
+    CLEANUP,
+    CONFIGURE,
+    DEACTIVATE,
+    PATIENCE,
+    SHUTDOWN,
+    empty_service,
+    graph,
+    running,
+    until,
+)
+
+# what ROS's own libraries do in the old way is not ours
+pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
+
+LATCHED = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+PREDICATE, FUNCTION, AND, NUMBER = 5, 6, 1, 9
+CONFIRM, FINISH, CANCEL = 3, 6, 7
+EXECUTING, SUCCEEDED = 2, 4
+
+PROBLEM = """
+(define (problem p) (:domain delivery)
+  (:objects r1 - robot a b - room cup - item)
+  (:init (robot_at r1 a) (free r1) (item_at cup b) (= (battery r1) 80))
+  (:goal (and (robot_at r1 b))))
+"""
+
+
+def param(name, type_name=""):
+    return msg.Param(name=name, type=type_name)
+
+
+def node(kind, name, *arguments, **fields):
+    return msg.Node(node_type=kind, name=name, parameters=[param(argument) for argument in arguments], **fields)
+
+
+def tree(*nodes):
+    for number, found in enumerate(nodes):
+        found.node_id = number
+    return msg.Tree(nodes=list(nodes))
+
+
+def at(place):
+    return node(PREDICATE, "robot_at", "r1", place)
+
+
+def battery(value):
+    return node(FUNCTION, "battery", "r1", value=float(value))
+
+
+@pytest.fixture(scope="module")
+def tester():
+    with graph() as found:
+        yield found
+
+
+@pytest.fixture
+def place(tmp_path):
+    (tmp_path / "domain.pddl").write_text(DOMAIN)
+    (tmp_path / "problem.pddl").write_text(PROBLEM)
+    return tmp_path
+
+
+def parameters(place, *more, **values):
+    given = {"model_file": place / "domain.pddl", **values}
+    return ["--", "--ros-args", *more, *(part for name, value in given.items() for part in ("-p", f"{name}:={value}"))]
+
+
+@pytest.fixture
+def experts(tester, place):
+    """Starts the process of both experts, neither of them configured, and waits for its end."""
+
+    @contextmanager
+    def starting(*arguments):
+        log = place / "experts.log"
+        with running(log, "ros", "plansys2", "--url", place / "robot.db", "--kb", "kenny", *arguments) as process:
+            yield process
+        for name in ("domain_expert", "problem_expert"):
+            tester.gone(name)
+
+    return starting
+
+
+class Calls:
+    """Calls services of the two experts by their names."""
+
+    def __init__(self, tester, namespace=""):
+        self._tester = tester
+        self._namespace = namespace
+
+    def __call__(self, service, **fields):
+        expert, owner = (DomainExpert, "domain_expert") if "_domain" in service else (ProblemExpert, "problem_expert")
+        kind = getattr(srv, expert.TYPES[service])
+        return self._tester.call(kind, f"{self._namespace}{owner}/{service}", **fields)
+
+    def succeeds(self, service, **fields):
+        response = self(service, **fields)
+        assert (response.success, response.error_info) == (True, "")
+        return response
+
+    def fails(self, service, **fields):
+        response = self(service, **fields)
+        assert not response.success
+        assert response.error_info
+        return response.error_info
+
+    def start(self):
+        """Configure and activate both, as PlanSys2's bringup does."""
+        for transition in (CONFIGURE, ACTIVATE):
+            for name in ("domain_expert", "problem_expert"):
+                assert self._tester.change(f"{self._namespace}{name}", transition)
+
+
+@pytest.fixture
+def calls(tester):
+    return Calls(tester)
+
+
+def opened(place, **options):
+    return kbstore.open(place / "robot.db", "kenny", **options)
+
+
+# -- the experts ----------------------------------------------------------------------------------------------
+
+
+def test_the_lifecycle(tester, calls, place, experts):
+    """Unconfigured it refuses in words; inactive it answers and publishes nothing; cleaned up it lets the store go."""
+    known = tester.received(msg.Knowledge, "problem_expert/knowledge", LATCHED)
+    with experts(*parameters(place, problem_file=place / "problem.pddl")):
+        assert "not configured" in calls.fails("add_problem_instance", param=param("r9", "robot"))
+        assert calls("exist_problem_predicate", node=at("a")).exist is False
+        assert "not configured" in calls.fails("get_domain_name")
+        for name in ("domain_expert", "problem_expert"):
+            assert tester.state(name) == "unconfigured"
+            assert tester.change(name, CONFIGURE)
+            assert tester.state(name) == "inactive"
+        calls.succeeds("add_problem_instance", param=param("r9", "robot"))
+        assert known == []
+        assert tester.change("problem_expert", ACTIVATE)
+        until(lambda: known)
+        assert "r9" in known[-1].instances
+        assert tester.change("problem_expert", DEACTIVATE)
+        calls.succeeds("remove_problem_instance", param=param("r9"))
+        assert tester.change("problem_expert", CLEANUP)
+        assert "not configured" in calls.fails("get_problem")
+        assert tester.change("problem_expert", CONFIGURE)
+        assert "r1 - robot" in calls.succeeds("get_problem").problem
+        assert tester.change("problem_expert", CLEANUP)
+        assert tester.change("problem_expert", SHUTDOWN)
+        assert tester.state("problem_expert") == "finalized"
+    assert len(known) == 1
+
+
+def test_what_cannot_be_configured(tester, calls, place, experts):
+    """Without a domain, and with files that are wrong, the transition fails and the log says why."""
+    with experts():
+        assert not tester.change("domain_expert", CONFIGURE)
+        assert tester.state("domain_expert") == "unconfigured"
+        assert not tester.change("problem_expert", CONFIGURE)
+    assert "has no domain; load one" in (place / "experts.log").read_text()
+    (place / "problem.pddl").write_text(PROBLEM.replace("(free r1)", "(flies r1)"))
+    with experts(*parameters(place, problem_file=place / "problem.pddl")):
+        assert tester.change("domain_expert", CONFIGURE)
+        assert not tester.change("problem_expert", CONFIGURE)
+        assert calls.succeeds("get_domain_name").name == "delivery"
+    assert "no predicate flies" in (place / "experts.log").read_text()
+
+
+def test_every_service_with_good_and_bad_arguments(tester, calls, place, experts):
+    """Answers and refusals cross the graph; the client of each transaction is the node's name."""
+    asked = set()
+
+    def good(service, **fields):
+        asked.add(service)
+        return calls.succeeds(service, **fields)
+
+    def bad(service, word, **fields):
+        assert word in calls.fails(service, **fields)
+
+    with experts(*parameters(place)):
+        calls.start()
+        good("add_problem", problem=PROBLEM)
+        bad("add_problem", "other", problem=PROBLEM.replace("delivery", "other"))
+        good("add_problem_instance", param=param("r2", "robot"))
+        bad("add_problem_instance", "no type", param=param("r3", "ship"))
+        good("get_problem_instance", instance="r2")
+        bad("get_problem_instance", "no object r3", instance="r3")
+        assert {p.name for p in good("get_problem_instances").instances} == {"r1", "r2", "a", "b", "cup", "hub"}
+        good("remove_problem_instance", param=param("r2", "robot"))
+        bad("remove_problem_instance", "no object r2", param=param("r2", "robot"))
+        good("add_problem_predicate", node=at("hub"))
+        bad("add_problem_predicate", "cellar", node=at("cellar"))
+        good("remove_problem_predicate", node=at("hub"))
+        bad("remove_problem_predicate", "flies", node=node(PREDICATE, "flies", "r1"))
+        good("get_problem_predicate", expression="(robot_at r1 a)")
+        bad("get_problem_predicate", "does not hold", expression="(robot_at r1 b)")
+        states = good("get_problem_predicates").states
+        assert sorted(map(text, states)) == ["(free r1)", "(item_at cup b)", "(robot_at r1 a)"]
+        assert calls("exist_problem_predicate", node=at("a")).exist is True
+        assert calls("exist_problem_predicate", node=at("b")).exist is False
+        good("add_problem_function", node=battery(50))
+        bad("add_problem_function", "no function", node=node(FUNCTION, "height", "r1"))
+        good("update_problem_function", node=battery(40))
+        bad("update_problem_function", "no value", node=node(FUNCTION, "trips"))
+        assert good("get_problem_function", expression="(battery r1)").node.value == 40
+        bad("get_problem_function", "no value", expression="(trips)")
+        assert [(text(f), f.value) for f in good("get_problem_functions").states] == [("(battery r1)", 40)]
+        assert calls("exist_problem_function", node=battery(0)).exist is True
+        good("remove_problem_function", node=battery(0))
+        bad("remove_problem_function", "no object r3", node=node(FUNCTION, "battery", "r3"))
+        assert calls("exist_problem_function", node=battery(0)).exist is False
+        goal = tree(node(AND, "", children=[1]), at("a"))
+        good("add_problem_goal", tree=goal)
+        bad("add_problem_goal", "empty", tree=tree())
+        assert text(good("get_problem_goal").tree) == "(and (robot_at r1 a))"
+        assert good("is_problem_goal_satisfied", tree=goal).satisfied is True
+        bad("is_problem_goal_satisfied", "flies", tree=tree(node(PREDICATE, "flies", "r1")))
+        good("remove_problem_goal")
+        assert len(good("get_problem_goal").tree.nodes) == 0
+        assert "(robot_at r1 a)" in good("get_problem").problem
+        good("clear_problem_knowledge")
+        assert good("get_domain_name").name == "delivery"
+        assert list(good("get_domain_types").types) == ["object", "robot", "item", "room", "dock"]
+        assert list(good("get_domain_constants", type="dock").constants) == ["hub"]
+        bad("get_domain_constants", "no type", type="ship")
+        assert list(good("get_domain_actions").actions) == ["grab"]
+        assert list(good("get_domain_durative_actions").actions) == ["move", "wait"]
+        action = good("get_domain_action_details", action="grab", parameters=["r1", "cup"]).action
+        assert [p.name for p in action.parameters] == ["r1", "cup", "?2"]
+        bad("get_domain_action_details", "no operator", action="fly")
+        move = good("get_domain_durative_action_details", durative_action="move").durative_action
+        assert text(move.at_end_effects) == "(and (robot_at ?0 ?2) (decrease (battery ?0) 5.0))"
+        bad("get_domain_durative_action_details", "takes no time", durative_action="grab")
+        assert len(good("get_domain_predicates").states) == 5
+        assert len(good("get_domain_functions").states) == 2
+        found = good("get_domain_predicate_details", expression="item_at").node
+        assert [(p.name, p.type, list(p.sub_types)) for p in found.parameters] == [
+            ("?item0", "item", []),
+            ("?room1", "room", ["dock"]),
+        ]
+        bad("get_domain_predicate_details", "no predicate", expression="flies")
+        good("get_domain_function_details", expression="battery")
+        bad("get_domain_function_details", "no function", expression="height")
+        assert len(good("get_domain_derived_predicates").states) == 1
+        good("get_domain_derived_predicate_details", predicate="busy")
+        bad("get_domain_derived_predicate_details", "no rule", predicate="free")
+        assert "(:durative-action move" in good("get_domain").domain
+    left = (ProblemExpert.TYPES.keys() | DomainExpert.TYPES.keys()) - asked
+    assert left == {"exist_problem_function", "exist_problem_predicate"}
+    with opened(place, read_only=True) as kb:
+        assert {change.transaction.client for change in kb.changes()} == {"domain_expert", "problem_expert"}
+
+
+def test_what_is_published(tester, calls, place, experts):
+    """Each change notifies, and publishes the knowledge but for two; who comes late gets the last."""
+    with experts(*parameters(place, problem_file=place / "problem.pddl")):
+        calls.start()
+        updates = tester.received(Empty, "problem_expert/update_notify")
+        known = tester.received(msg.Knowledge, "problem_expert/knowledge", LATCHED)
+        until(lambda: known)
+        until(lambda: tester.node.count_publishers("problem_expert/update_notify"))
+        time.sleep(1)
+        calls.succeeds("add_problem_predicate", node=at("b"))
+        calls.succeeds("update_problem_function", node=battery(7))
+        calls.succeeds("remove_problem_function", node=battery(7))
+        calls.fails("add_problem_predicate", node=at("cellar"))
+        until(lambda: len(updates) == 3 and len(known) == 2)
+        late = tester.received(msg.Knowledge, "problem_expert/knowledge", LATCHED)
+        until(lambda: late)
+        time.sleep(0.5)
+    assert (len(updates), len(known)) == (3, 2)
+    assert sorted(late[-1].predicates) == ["(free r1)", "(item_at cup b)", "(robot_at r1 a)", "(robot_at r1 b)"]
+    assert sorted(late[-1].instances) == ["a", "b", "cup", "hub", "r1"]
+    assert late[-1].goal == "(and (robot_at r1 b))"
+
+
+def test_a_restart_goes_on_where_it_was(calls, place, experts):
+    """Killed and started again with the same files, it has what it had acknowledged, and loads nothing again."""
+    arguments = parameters(place, problem_file=place / "problem.pddl")
+    with experts(*arguments) as process:
+        calls.start()
+        calls.succeeds("remove_problem_predicate", node=at("a"))
+        calls.succeeds("add_problem_predicate", node=at("b"))
+        process.kill()
+        process.wait(PATIENCE)
+    with experts(*arguments):
+        calls.start()
+        states = sorted(map(text, calls.succeeds("get_problem_predicates").states))
+    assert states == ["(free r1)", "(item_at cup b)", "(robot_at r1 b)"]
+    with opened(place, read_only=True) as kb:
+        notes = [change.transaction.note for change in kb.changes()]
+    assert notes == ["model_file", "problem_file", "remove_problem_predicate", "add_problem_predicate"]
+
+
+def test_calls_from_four_threads(calls, place, experts):
+    """200 calls at a time, changes among them, are all answered, and each is in the state."""
+    with experts(*parameters(place)):
+        calls.start()
+
+        def work(thread):
+            for number in range(25):
+                calls.succeeds("add_problem_instance", param=param(f"r{thread}-{number}", "robot"))
+                assert calls("exist_problem_predicate", node=at("hub")).exist is False
+
+        with ThreadPoolExecutor(4) as pool:
+            list(pool.map(work, range(4)))
+    with opened(place, read_only=True) as kb:
+        assert len(kb.instances("robot")) == 100
+
+
+def test_a_simulated_clock(tester, calls, place, experts):
+    """With use_sim_time a transaction has the simulator's time; a clock that starts again at 0 is told in words."""
+    clock = tester.node.create_publisher(Clock, "/clock", 10)
+    now = [seconds(50)]
+    stop = threading.Event()
+
+    def tick():
+        while not stop.wait(0.02):
+            message = Clock()
+            message.clock.sec = now[0] // 10**9
+            clock.publish(message)
+
+    ticking = threading.Thread(target=tick)
+    ticking.start()
+    try:
+        with experts(*parameters(place, use_sim_time="true")):
+            calls.start()
+            calls.succeeds("add_problem_instance", param=param("r1", "robot"))
+            now[0] = seconds(60)
+            time.sleep(1)
+            calls.succeeds("add_problem_instance", param=param("r2", "robot"))
+            now[0] = 0
+            time.sleep(1)
+            refused = calls.fails("add_problem_instance", param=param("r3", "robot"))
+    finally:
+        stop.set()
+        ticking.join()
+        tester.node.destroy_publisher(clock)
+    assert "clock" in refused
+    with opened(place, clock=ManualClock()) as kb:
+        times = [kb.history(f"{name} - robot")[0].initial_time for name in ("r1", "r2")]
+    assert times == [seconds(50), seconds(60)]
+
+
+def test_the_planner_may_validate_the_domain(tester, place, experts):
+    """With validate_using_planner_node the planner is asked, and its refusal is a failure to configure."""
+    answers = [False, True]
+
+    def validate(request, response):
+        assert "(define (domain delivery)" in request.domain
+        response.success, response.error_info = answers.pop(0), "too hard"
+        return response
+
+    service = tester.node.create_service(srv.ValidateDomain, "planner/validate_domain", validate)
+    with experts(*parameters(place, validate_using_planner_node="true")):
+        assert not tester.change("domain_expert", CONFIGURE)
+        assert tester.change("domain_expert", CONFIGURE)
+    tester.node.destroy_service(service)
+    assert "the planner does not accept the domain: too hard" in (place / "experts.log").read_text()
+
+
+def test_the_cost_of_a_call(tester, calls, place, capsys, experts):
+    """Printed, not judged: a call beside the same question in Python and an empty service call."""
+
+    def cost(act, number=200):
+        times = []
+        for _ in range(number):
+            begin = time.perf_counter()
+            act()
+            times.append(time.perf_counter() - begin)
+        return statistics.median(times) * 1000
+
+    arguments = parameters(place, problem_file=place / "problem.pddl")
+    with experts(*arguments), empty_service("ExistNode", "nothing"):
+        calls.start()
+        question = kbstore.Fact(attribute_name="robot_at", values=["r1", "a"])
+        with opened(place) as kb:
+            rows = {
+                "exist_problem_predicate": (
+                    lambda: calls("exist_problem_predicate", node=at("a")),
+                    lambda: kb.holds(question),
+                ),
+                "get_problem_function": (
+                    lambda: calls("get_problem_function", expression="(battery r1)"),
+                    lambda: kb.value("(battery r1)"),
+                ),
+                "get_problem_predicates": (lambda: calls("get_problem_predicates"), kb.propositions),
+            }
+            found = {
+                name: (cost(call), cost(python), cost(lambda: tester.call(srv.ExistNode, "nothing", node=at("a"))))
+                for name, (call, python) in rows.items()
+            }
+    with capsys.disabled():
+        print()
+        for name, (call, python, empty_call) in found.items():
+            ratio = call / (python + empty_call)
+            print(f"{name}: {call:.2f} ms; Python {python:.2f} ms + empty call {empty_call:.2f} ms: {ratio:.2f}")
