@@ -9,29 +9,25 @@ from typing import Any
 
 import rclpy
 from plansys2_msgs import msg, srv
-from rclpy.callback_groups import ReentrantCallbackGroup
-from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import Empty
 
 import kbstore
-from kbstore.errors import KbStoreError, StoreUnavailable
+from kbstore.errors import InvalidKnowledge, KbStoreError, StoreUnavailable
 from kbstore.knowledge_base import KnowledgeBase
 from kbstore.ros.joint_domain import joint_domain
 from kbstore.ros.plansys2_domain import DomainExpert
 from kbstore.ros.plansys2_problem import ProblemExpert
 from kbstore.ros.plansys2_service import Expert
-from kbstore.ros.ros2_clock import NodeClock
+from kbstore.ros.ros2_node import NodeClock, quick_executor, spin
 
 DEPTH = 100
 """How many messages of a topic wait for a slow subscriber."""
 
-THREADS = 4
-"""How many services are answered at a time."""
-
-VALIDATION = 1.0
-"""Seconds that PlanSys2's planner has to validate a domain."""
+PLANNER, VALIDATION = 3.0, 1.0
+"""Seconds to wait for PlanSys2's planner, and for it to validate a domain."""
 
 
 def run(url: str | None, kb: str | None, arguments: Sequence[str] = ()) -> None:
@@ -44,13 +40,11 @@ def run(url: str | None, kb: str | None, arguments: Sequence[str] = ()) -> None:
     """
     rclpy.init(args=["kbstore", *arguments])
     nodes = [DomainExpertNode(url, kb), ProblemExpertNode(url, kb)]
-    executor = MultiThreadedExecutor(num_threads=THREADS)
+    executor = quick_executor()
     for node in nodes:
         executor.add_node(node)
     try:
-        executor.spin()
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass
+        spin(executor)
     finally:
         executor.shutdown()
         for node in nodes:
@@ -69,14 +63,13 @@ class ExpertNode(LifecycleNode):  # type: ignore[misc]
         self.declare_parameter("url", url or "")
         self.declare_parameter("kb", kb or "default")
         self.declare_parameter("model_file", "")
-        self._group = ReentrantCallbackGroup()
         self._kb: KnowledgeBase | None = None
         self._expert: Expert | None = None
         for service, type_name in self.TYPES.items():
             kind = getattr(srv, type_name, None)
             # older PlanSys2 has not all of them
             if kind is not None:
-                self.create_service(kind, f"{name}/{service}", self._handler(service), callback_group=self._group)
+                self.create_service(kind, f"{name}/{service}", self._handler(service))
 
     def _handler(self, service: str) -> Callable[[Any, Any], Any]:
         def answer(request: Any, response: Any) -> Any:
@@ -150,7 +143,6 @@ class DomainExpertNode(ExpertNode):
     def __init__(self, url: str | None, kb: str | None) -> None:
         super().__init__("domain_expert", url, kb)
         self.declare_parameter("validate_using_planner_node", False)
-        self._validation = self.create_client(srv.ValidateDomain, "planner/validate_domain", callback_group=self._group)
 
     def _make(self, kb: KnowledgeBase) -> Expert:
         domain = kb.domain_to_pddl()
@@ -160,15 +152,22 @@ class DomainExpertNode(ExpertNode):
 
     def _validate(self, domain: str) -> None:
         """Ask PlanSys2's planner whether it accepts the domain."""
-        if not self._validation.wait_for_service(timeout_sec=3.0):
-            raise StoreUnavailable("planner/validate_domain is not there; start the planner first")
-        done = threading.Event()
-        future = self._validation.call_async(srv.ValidateDomain.Request(domain=domain))
-        future.add_done_callback(lambda _: done.set())
-        if not done.wait(VALIDATION):
-            raise StoreUnavailable(f"planner/validate_domain has not answered within {VALIDATION:g} s")
-        if not future.result().success:
-            raise kbstore.InvalidKnowledge(f"the planner does not accept the domain: {future.result().error_info}")
+        # a node of its own, as this one waits for the answer within a callback
+        asking = rclpy.create_node(f"{self.get_name()}_validation", namespace=self.get_namespace())
+        executor = SingleThreadedExecutor()
+        try:
+            client = asking.create_client(srv.ValidateDomain, "planner/validate_domain")
+            if not client.wait_for_service(timeout_sec=PLANNER):
+                raise StoreUnavailable("planner/validate_domain is not there; start the planner first")
+            answer = client.call_async(srv.ValidateDomain.Request(domain=domain))
+            rclpy.spin_until_future_complete(asking, answer, executor, VALIDATION)
+            if not answer.done():
+                raise StoreUnavailable(f"planner/validate_domain has not answered within {VALIDATION:g} s")
+            if not answer.result().success:
+                raise InvalidKnowledge(f"the planner does not accept the domain: {answer.result().error_info}")
+        finally:
+            executor.shutdown()
+            asking.destroy_node()
 
 
 class ProblemExpertNode(ExpertNode):

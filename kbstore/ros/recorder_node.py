@@ -5,13 +5,13 @@ messages (`plansys2_msgs`), which a ROS 2 distribution brings; a command imports
 """
 
 import threading
+import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from typing import Any
 
 import rclpy
 from plansys2_msgs import msg, srv
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import Empty
@@ -22,7 +22,7 @@ from kbstore.errors import ClockJumped, ClockWentBackwards, KbStoreError, Unknow
 from kbstore.knowledge_base import KnowledgeBase
 from kbstore.ros.joint_domain import joint_domain
 from kbstore.ros.mirror import Mirror
-from kbstore.ros.ros2_clock import NodeClock
+from kbstore.ros.ros2_node import NodeClock, quick_executor, spin
 
 NAME = "kbstore_recorder"
 
@@ -55,7 +55,7 @@ def run(url: str, kb: str, domain: str | None, problem: str | None, arguments: S
     """
     rclpy.init(args=["kbstore", *arguments])
     node = Node(NAME)
-    executor = SingleThreadedExecutor()
+    executor = quick_executor()
     executor.add_node(node)
     clock = ManualClock()
     try:
@@ -64,15 +64,12 @@ def run(url: str, kb: str, domain: str | None, problem: str | None, arguments: S
             worker = threading.Thread(target=recorder.work, args=[executor.wake], name="recorder")
             worker.start()
             try:
-                while rclpy.ok() and recorder.failure is None:
-                    executor.spin_once(timeout_sec=0.5)
+                spin(executor, lambda: recorder.failure is not None)
             finally:
                 recorder.stop()
                 worker.join()
             if recorder.failure is not None:
                 raise recorder.failure
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass
     finally:
         executor.shutdown()
         node.destroy_node()
@@ -153,6 +150,10 @@ class Recorder:
     def _open_mirror(self) -> Mirror | None:
         """Wait until the domain is known; None where `stop` comes first."""
         while not self._is_stopping:
+            if not self._time.now():
+                self._tell("waiting for the first message on /clock, as use_sim_time is set")
+                time.sleep(SETTLED)
+                continue
             domain = None if self._domain is None else joint_domain(self._domain)
             if domain is None and (answer := self._ask(self._ask_domain, srv.GetDomain.Request(), ANSWER)):
                 domain = answer.domain
@@ -163,33 +164,35 @@ class Recorder:
                 self._tell("waiting for domain_expert/get_domain; --domain names the domain without it")
         return None
 
-    def _record(self, mirror: Mirror, kind: str, message: Any, time: int) -> None:
+    def _record(self, mirror: Mirror, kind: str, message: Any, received: int) -> None:
+        # what came before a simulator's clock has no time of its own
+        now = received or self._time.now()
         match kind:
             case "knowledge":
-                self._snapshot(mirror, message, time)
+                self._snapshot(mirror, message, now)
             case "notify":
                 answer = self._ask(self._ask_functions, srv.GetStates.Request())
                 if answer is not None:
-                    mirror.functions(answer.states, time)
+                    mirror.functions(answer.states, now)
             case "plan":
                 mirror.plan(message)
             case "info":
-                mirror.action_execution_info(message, time)
+                mirror.action_execution_info(message, now)
             case "hub":
-                mirror.actions_hub(message, time)
+                mirror.actions_hub(message, now)
 
-    def _snapshot(self, mirror: Mirror, message: Any, time: int) -> None:
+    def _snapshot(self, mirror: Mirror, message: Any, now: int) -> None:
         names = frozenset(message.instances)
         if not names <= self._instances:
             answer = self._ask(self._ask_instances, srv.GetProblemInstances.Request())
             if answer is not None:
                 mirror.give_types(answer.instances)
         values = self._ask(self._ask_functions, srv.GetStates.Request()) if message.functions else None
-        mirror.knowledge(message, time, () if values is None else values.states)
+        mirror.knowledge(message, now, () if values is None else values.states)
         self._instances = names
 
     def _ask(self, client: Any, request: Any, patience: float = 0.0) -> Any:
-        """The answer of one of PlanSys2's experts; None where it is not there, refuses, or takes longer than `ANSWER`."""
+        """The answer of one of PlanSys2's experts; None where it is not there, refuses, or is slower than `ANSWER`."""
         if not client.service_is_ready() and not (patience and client.wait_for_service(timeout_sec=patience)):
             return None
         done = threading.Event()

@@ -6,7 +6,7 @@ import subprocess
 import sys
 import threading
 import time
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 
 import rclpy
 from lifecycle_msgs.msg import Transition
@@ -105,7 +105,10 @@ def running(log, *arguments):
     finally:
         if process.poll() is None:
             process.send_signal(signal.SIGINT)
-            assert process.wait(PATIENCE) == 0, log.read_text()
+            try:
+                assert process.wait(PATIENCE / 3) == 0, log.read_text()
+            finally:
+                process.kill()
 
 
 @contextmanager
@@ -123,13 +126,14 @@ def serve_nothing(kind, name):
     """Answer a service of PlanSys2 with an empty response, until interrupted."""
     from plansys2_msgs import srv
 
+    from kbstore.ros.ros2_node import quick_executor, spin
+
     rclpy.init()
     node = rclpy.create_node("nothing")
     node.create_service(getattr(srv, kind), name, lambda request, response: response)
-    executor = MultiThreadedExecutor(num_threads=4)
+    executor = quick_executor()
     executor.add_node(node)
-    with suppress(KeyboardInterrupt, rclpy.executors.ExternalShutdownException):
-        executor.spin()
+    spin(executor)
 
 
 if __name__ == "__main__":

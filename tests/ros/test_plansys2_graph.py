@@ -426,3 +426,228 @@ def test_the_cost_of_a_call(tester, calls, place, capsys, experts):
         for name, (call, python, empty_call) in found.items():
             ratio = call / (python + empty_call)
             print(f"{name}: {call:.2f} ms; Python {python:.2f} ms + empty call {empty_call:.2f} ms: {ratio:.2f}")
+
+
+# -- the recorder ---------------------------------------------------------------------------------------------
+
+
+class Script:
+    """A PlanSys2 without planning: the topics and the services of its nodes, as they publish and answer."""
+
+    def __init__(self, tester):
+        self._node = tester.node
+        group = {"callback_group": tester.group}
+        self.instances, self.predicates, self.functions, self.goal = {}, [], {}, ""
+        self._knowledge = self._node.create_publisher(msg.Knowledge, "problem_expert/knowledge", LATCHED)
+        self._updates = self._node.create_publisher(Empty, "problem_expert/update_notify", 100)
+        self._plan = self._node.create_publisher(msg.Plan, "executing_plan", LATCHED)
+        self._info = self._node.create_publisher(msg.ActionExecutionInfo, "action_execution_info", 100)
+        self._hub = self._node.create_publisher(msg.ActionExecution, "actions_hub", 100)
+        self._publishers = (self._knowledge, self._updates, self._plan, self._info, self._hub)
+        self._services = [
+            self._node.create_service(kind, name, answer, **group)
+            for kind, name, answer in (
+                (srv.GetDomain, "domain_expert/get_domain", self._get_domain),
+                (srv.GetProblemInstances, "problem_expert/get_problem_instances", self._get_instances),
+                (srv.GetStates, "problem_expert/get_problem_functions", self._get_functions),
+            )
+        ]
+
+    def close(self):
+        for publisher in self._publishers:
+            self._node.destroy_publisher(publisher)
+        for service in self._services:
+            self._node.destroy_service(service)
+
+    def _get_domain(self, request, response):
+        response.success, response.domain = True, DOMAIN
+        return response
+
+    def _get_instances(self, request, response):
+        response.success, response.instances = True, [param(*found) for found in self.instances.items()]
+        return response
+
+    def _get_functions(self, request, response):
+        response.success = True
+        response.states = [
+            node(FUNCTION, *function.strip("()").split(), value=float(value))
+            for function, value in self.functions.items()
+        ]
+        return response
+
+    def publish(self):
+        """Notify, and publish what is known, as PlanSys2 does at each change."""
+        self.notify()
+        self._knowledge.publish(
+            msg.Knowledge(
+                instances=list(self.instances),
+                predicates=self.predicates,
+                functions=list(self.functions),
+                goal=self.goal,
+            )
+        )
+
+    def notify(self):
+        """Notify alone, as PlanSys2 does when a function is updated."""
+        self._updates.publish(Empty())
+
+    def plan(self, *steps):
+        items = [msg.PlanItem(time=start, action=action, duration=length) for start, action, length in steps]
+        self._plan.publish(msg.Plan(items=items))
+
+    def hub(self, kind, action, **fields):
+        name, *arguments = action.strip("()").split()
+        self._hub.publish(msg.ActionExecution(type=kind, action=name, arguments=arguments, **fields))
+
+    def info(self, status, start, action):
+        name, *arguments = action.strip("()").split()
+        message = msg.ActionExecutionInfo(status=status, action_full_name=f"{action}:0", action=name)
+        message.arguments, message.start_stamp = arguments, start
+        message.duration.sec = 10
+        self._info.publish(message)
+
+    def heard(self):
+        """Wait until the recorder listens to every topic."""
+        until(lambda: all(publisher.get_subscription_count() for publisher in self._publishers))
+
+
+@pytest.fixture
+def script(tester):
+    found = Script(tester)
+    yield found
+    found.close()
+
+
+@pytest.fixture
+def recorder(tester, place):
+    """Starts the recorder, and waits for its end."""
+
+    @contextmanager
+    def starting(*arguments):
+        with running(
+            place / "recorder.log", "ros", "record", "--url", place / "robot.db", "--kb", "kenny", *arguments
+        ) as process:
+            yield process
+        until(lambda: "kbstore_recorder" not in tester.node.get_node_names())
+
+    return starting
+
+
+@contextmanager
+def watched(place):
+    """The knowledge base while it is recorded."""
+    until(lambda: (place / "robot.db").exists() and kbstore.knowledge_bases(place / "robot.db"))
+    with opened(place, read_only=True) as kb:
+        yield kb
+
+
+def facts(kb):
+    return sorted(map(str, kb.propositions()))
+
+
+MOVE = "(move r1 a b)"
+
+
+def test_a_mission_is_recorded_through_a_kill(tester, script, recorder, place):
+    """Snapshots, goals, functions, the plan and a run; killed in the middle and started again, nothing is lost."""
+    script.instances = {"hub": "dock", "r1": "robot", "a": "room", "b": "room"}
+    script.predicates, script.functions = ["(robot_at r1 a)", "(free r1)"], {"(battery r1)": 80}
+    script.goal = "(and (robot_at r1 b))"
+    script.publish()
+    with recorder() as process, watched(place) as kb:
+        script.heard()
+        until(lambda: facts(kb) == ["(free r1)", "(robot_at r1 a)"])
+        assert [*map(str, kb.goals())] == ["(robot_at r1 b)"]
+        assert kb.value("(battery r1)") == 80
+        script.functions["(battery r1)"] = 75
+        script.notify()
+        until(lambda: kb.value("(battery r1)") == 75)
+        script.plan((0.0, MOVE, 10.0))
+        script.predicates = ["(free r1)"]
+        script.publish()
+        until(lambda: facts(kb) == ["(free r1)"])
+        script.hub(CONFIRM, MOVE, node_id="move_1")
+        start = tester.node.get_clock().now().to_msg()
+        until(lambda: kb.state().running)
+        process.kill()
+        process.wait(PATIENCE)
+    # meanwhile PlanSys2 goes on
+    script.predicates, script.functions["(battery r1)"] = ["(free r1)", "(robot_at r1 b)"], 70
+    script.publish()
+    with recorder(), watched(place) as kb:
+        script.heard()
+        until(lambda: facts(kb) == ["(free r1)", "(robot_at r1 b)"])
+        script.info(EXECUTING, start, MOVE)
+        script.hub(FINISH, MOVE, success=True, status="arrived")
+        until(lambda: not kb.state().running)
+        script.info(SUCCEEDED, start, MOVE)
+        script.predicates = ["(robot_at r1 b)"]
+        script.publish()
+        until(lambda: facts(kb) == ["(robot_at r1 b)"])
+        (run,) = kb.runs()
+        assert (run.outcome, run.duration) == ("ended", seconds(10))
+        assert kb.value("(battery r1)") == 70
+        notes = [change.transaction.note for change in kb.changes()]
+        assert "(move r1 a b) confirmed to move_1; plan: 0.000: (move r1 a b) [10.000]" in notes
+        assert "(move r1 a b) succeeded; arrived" in notes
+        assert len(kb.history("(robot_at r1 ?)")) == 2
+    assert "not recorded" not in (place / "recorder.log").read_text()
+
+
+def test_snapshots_of_a_thousand_facts(tester, script, recorder, place, capsys):
+    """At 10 a second the recorder keeps up; of a burst it takes the latest. What it took is printed."""
+    script.instances = {"hub": "dock", "a": "room", **{f"i{number}": "item" for number in range(1000)}}
+
+    def move(round_number):
+        places = ("a", "hub") if round_number % 2 else ("hub", "a")
+        script.predicates = [f"(item_at i{number} {places[number % 20 == 0]})" for number in range(1000)]
+        script.publish()
+
+    with recorder(), watched(place) as kb:
+        script.heard()
+        move(0)
+        until(lambda: len(facts(kb)) == 1000)
+        begin = time.monotonic()
+        for number in range(1, 41):
+            move(number)
+            time.sleep(max(0, begin + number / 10 - time.monotonic()))
+        published = time.monotonic() - begin
+        until(lambda: facts(kb) == sorted(script.predicates))
+        lag = time.monotonic() - begin - published
+        taken = len([*kb.changes()]) - 2
+        for number in range(100):
+            move(number)
+        until(lambda: facts(kb) == sorted(script.predicates))
+        burst = len([*kb.changes()]) - 2 - taken
+    with capsys.disabled():
+        print(
+            f"\n40 snapshots of 1,000 facts in {published:.1f} s: {taken} recorded, the last after {lag:.2f} s; ",
+            end="",
+        )
+        print(f"of 100 at once {burst} were recorded")
+    assert 1 <= burst < 100
+
+
+def test_a_simulation_that_starts_again_ends_the_recorder(tester, script, recorder, place):
+    """The recorder says in one line that the clock is behind what it has recorded, and exits with 2."""
+    (place / "domain.pddl").write_text(DOMAIN)
+    with kbstore.open(place / "robot.db", "kenny", clock=ManualClock(2 * time.time_ns() // 10**9 * 10**9)) as kb:
+        kb.load(DOMAIN)
+    script.publish()
+    log = place / "recorder.log"
+    with recorder() as process:
+        assert process.wait(PATIENCE) == 2
+    assert "clock" in log.read_text().splitlines()[-1]
+
+
+def test_an_error_is_told_and_the_recorder_goes_on(script, recorder, place):
+    """What cannot be recorded is logged in words; the next snapshot is recorded."""
+    script.instances = {"r1": "robot", "a": "room"}
+    script.predicates = ["(robot_at r1 cellar)"]
+    script.publish()
+    with recorder(), watched(place) as kb:
+        until(lambda: "not recorded" in (place / "recorder.log").read_text())
+        script.predicates = ["(robot_at r1 a)"]
+        script.publish()
+        until(lambda: facts(kb) == ["(robot_at r1 a)"])
+    assert "cellar" in (place / "recorder.log").read_text()

@@ -1,0 +1,25 @@
+"""What `ros2 run kbstore_ros` finds: the commands `kbstore ros plansys2` and `kbstore ros record`.
+
+The store is named by the environment variables KBSTORE_URL and KBSTORE_KB, or by options before ``--ros-args``.
+"""
+
+import sys
+
+from kbstore.cli.app import app
+
+
+def experts() -> None:
+    """PlanSys2's problem expert and domain expert, answered from a store."""
+    _run("plansys2")
+
+
+def record() -> None:
+    """The recorder beside a running PlanSys2."""
+    _run("record")
+
+
+def _run(command: str) -> None:
+    """Call a command of kbstore, with ROS's own arguments behind ``--``, where it expects them."""
+    arguments = sys.argv[1:]
+    split = arguments.index("--ros-args") if "--ros-args" in arguments else len(arguments)
+    app(["ros", command, *arguments[:split], "--", *arguments[split:]], prog_name="kbstore")
