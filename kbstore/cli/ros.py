@@ -42,8 +42,8 @@ def plansys2(arguments: Ros2Arguments = None, url: Url = None, kb: Kb = None) ->
     problem_file, url and kb; ROS's own arguments come after --. Started again, they go on where they were.
 
     Examples:
-        kbstore ros plansys2 --url robot.db -- --ros-args -p model_file:=domain.pddl
-        kbstore ros plansys2 --url robot.db --kb kenny -- --ros-args -p problem_file:=problem.pddl -r __ns:=/kenny
+        kbstore ros plansys2 --url robot.db --kb kenny
+        kbstore ros plansys2 -- --ros-args -p model_file:=domain.pddl
     """
     try:
         from kbstore.ros.plansys2_node import run
@@ -70,7 +70,7 @@ def record(
 
     Examples:
         kbstore ros record --url robot.db --kb kenny
-        kbstore ros record --url robot.db --kb kenny -- --ros-args -r __ns:=/kenny -p use_sim_time:=true
+        kbstore ros record -- --ros-args -r __ns:=/kenny
     """
     place = store(url)
     try:

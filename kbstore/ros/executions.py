@@ -35,6 +35,8 @@ class Executions:
     """The executions of actions that have been reported, and the runs that they are recorded as."""
 
     def __init__(self, kb: KnowledgeBase, client: str) -> None:
+        self.recorded: list[int] = []
+        """The numbers of the transactions, for whoever follows them to take."""
         self._kb = kb
         self._client = client
         self._runs: dict[tuple[str, int], int] = {}
@@ -123,12 +125,14 @@ class Executions:
             # of one that still runs, the end was not reported
             _stop(tx, _running(tx.state(), words), succeeded=False)
             run = tx.report_start(*words, duration=duration)
+        self.recorded.append(tx.result.number)
         self._is_noted = True
         return run
 
     def _end(self, words: tuple[str, ...], *, succeeded: bool, note: str) -> None:
         with self._kb.transaction(client=self._client, note=note) as tx:
             _stop(tx, _running(tx.state(), words), succeeded=succeeded)
+        self.recorded.append(tx.result.number)
 
 
 def _running(state: State, words: tuple[str, ...]) -> Run | None:

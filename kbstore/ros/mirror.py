@@ -6,13 +6,13 @@ It knows messages by their attributes, and needs no ROS: the recorder feeds it l
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
-from typing import Any
+from typing import Any, TypeVar
 
 from kbstore.clock import ManualClock
-from kbstore.errors import InvalidKnowledge
+from kbstore.errors import Conflict, InvalidKnowledge
 from kbstore.interop.plansys2 import read, read_atom
 from kbstore.knowledge_base import KnowledgeBase
-from kbstore.messages import Fact, Function, Instance, KnowledgeItem
+from kbstore.messages import Fact, Function, Instance
 from kbstore.model.domain import Domain
 from kbstore.model.results import Transaction
 from kbstore.names import key
@@ -22,6 +22,8 @@ from kbstore.ros.object_types import ObjectTypes
 from kbstore.writing.unit_of_work import OpenTransaction
 
 CLIENT = "plansys2"
+
+Item = TypeVar("Item", Instance, Fact)
 
 
 class Mirror:
@@ -56,12 +58,16 @@ class Mirror:
         if domain is not None:
             self._load(domain)
         self._domain: Domain = kb.domain
-        types = {item.instance_name: item.instance_type for item in kb.instances()}
+        self._objects = {item.instance_name: item for item in kb.instances()}
+        types = {name: item.instance_type for name, item in self._objects.items()}
         if problem is not None:
             types.update(declared_types(problem, self._domain))
         self.types = ObjectTypes(self._domain, types)
         self._executions = Executions(kb, client)
-        self._goal: str | None = None
+        self._facts: dict[str, Fact] = {}
+        self._goal = ""
+        self._number: int | None = None
+        """The last transaction, where the state is what the last snapshot says."""
 
     def _load(self, domain: str | os.PathLike[str]) -> None:
         with self._kb.transaction(client=self._client, note="the domain of PlanSys2") as tx:
@@ -102,22 +108,47 @@ class Mirror:
         """
         if self.missing_types(message):
             self.learn(message)
-        items: list[KnowledgeItem] = [
-            Instance(instance_name=name, instance_type=type_name)
-            for name, type_name in self.types.types_of(message.instances).items()
-        ]
+        types = self.types.types_of(message.instances)
+        objects = {name: Instance(instance_name=name, instance_type=type_name) for name, type_name in types.items()}
         # what is derived is listed by PlanSys2, too
-        facts = (_fact(text) for text in message.predicates)
-        items += [fact for fact in facts if not self._domain.is_derived(fact.attribute_name)]
+        asserted = {text: _fact(text) for text in message.predicates}
+        facts = {text: fact for text, fact in asserted.items() if not self._domain.is_derived(fact.attribute_name)}
+        valued = _functions(values)
         self._clock.set(time)
-        with self._kb.transaction(client=self._client, note="snapshot") as tx:
-            items += _valued(message.functions, _functions(values), tx)
-            tx.replace(*items)
-            if message.goal != self._goal:
+        retyped = [old for name, old in self._objects.items() if name in types and old.instance_type != types[name]]
+        if retyped:
+            # an object of another type needs an end before it (C6)
+            self._kb.remove(*retyped, client=self._client, note="another type")
+            self._clock.set(time + 1)
+        try:
+            tx = self._snapshot(message, objects, facts, valued, self._number)
+        except Conflict:
+            tx = self._snapshot(message, objects, facts, valued, None)
+        self._objects, self._facts, self._goal, self._number = objects, facts, message.goal, tx.number
+        return tx
+
+    def _snapshot(
+        self,
+        message: Any,
+        objects: dict[str, Instance],
+        facts: dict[str, Fact],
+        valued: Sequence[Function],
+        number: int | None,
+    ) -> Transaction:
+        """Record a snapshot: the difference to the last one, if that is transaction `number` and nobody wrote since."""
+        with self._kb.transaction(client=self._client, note="snapshot", expect=number) as tx:
+            functions = _valued(message.functions, valued, tx)
+            if number is None:
+                tx.replace(*objects.values(), *facts.values(), *functions)
+            else:
+                listed = {key(item.atom) for item in functions}
+                tx.remove(*_without(self._facts, facts), *_without(self._objects, objects))
+                tx.remove(*(item for item in tx.state().functions if key(item.atom) not in listed))
+                tx.add(*_without(objects, self._objects), *_without(facts, self._facts), *functions)
+            if number is None or message.goal != self._goal:
                 tx.remove_goal(*tx.state().goals)
                 if message.goal:
                     tx.add_goal(message.goal)
-        self._goal = message.goal
         return tx.result
 
     def functions(self, nodes: Sequence[Any], time: int) -> Transaction:
@@ -133,6 +164,8 @@ class Mirror:
             exist = {key(name) for name in state.objects()}
             tx.remove(*(item for item in state.functions if key(item.atom) not in given))
             tx.add(*(item for item in given.values() if exist.issuperset(map(key, item.arguments))))
+        self._executions.recorded.append(tx.result.number)
+        self._follow()
         return tx.result
 
     # -- plans and executions ---------------------------------------------------------------------------------
@@ -150,16 +183,30 @@ class Mirror:
         """
         self._clock.set(time)
         self._executions.info(message, time)
+        self._follow()
 
     def actions_hub(self, message: Any, time: int) -> None:
         """Record what an `ActionExecution` reports, as `action_execution_info` does."""
         self._clock.set(time)
         self._executions.hub(message)
+        self._follow()
+
+    def _follow(self) -> None:
+        """Take what executions have recorded, if nobody else has written meanwhile."""
+        for number in self._executions.recorded:
+            if self._number is not None:
+                self._number = number if number in (self._number, self._number + 1) else None
+        self._executions.recorded.clear()
 
 
 def declared_types(problem: str | os.PathLike[str], domain: Domain) -> Mapping[str, str]:
     """The objects that a problem declares, and their types."""
     return {item.instance_name: item.instance_type for item in read_problem(problem, domain).instances}
+
+
+def _without(items: Mapping[str, Item], others: Mapping[str, Item]) -> list[Item]:
+    """The items whose names others lack."""
+    return [item for name, item in items.items() if name not in others]
 
 
 def _valued(texts: Sequence[str], given: Iterable[Function], tx: OpenTransaction) -> list[Function]:

@@ -37,6 +37,8 @@ EXAMPLES = {
     "changes": ["--after", "24"],
     "timeline": ["battery"],
     "mcp": None,
+    "ros plansys2": None,
+    "ros record": None,
     "ros rosplan": None,
     "bag import": None,
     "bag export": ["kenny.mcap"],
@@ -58,7 +60,7 @@ EXAMPLES = {
     "db adopt": None,
 }
 
-SERVING = {"mcp", "ros rosplan", "serve"}
+SERVING = {"mcp", "ros plansys2", "ros record", "ros rosplan", "serve"}
 """Commands that serve until they are ended, and print no answer."""
 
 

@@ -70,6 +70,32 @@ def test_a_snapshot_without_news_is_not_recorded(kb, mirror):
     assert Mirror(kb, mirror._clock).knowledge(first, seconds(103)).number == number
 
 
+def test_what_others_write_does_not_last(kb, mirror):
+    """C13: a snapshot counts as a whole, also where something else has written since the last one."""
+    told = knowledge("r1 a b", ["(robot_at r1 a)"], goal="(and (free r1))")
+    mirror.knowledge(told, seconds(101))
+    kb.add("(free r1)", "(= (battery r1) 3)", client="somebody")
+    kb.remove("a - room", client="somebody")
+    kb.add_goal("(robot_at r1 b)", client="somebody")
+    mirror.knowledge(told, seconds(102))
+    assert held(kb) == ["(robot_at r1 a)"]
+    assert kb.functions() == []
+    assert [*map(str, kb.goals())] == ["(free r1)"]
+
+
+def test_an_object_that_comes_back_with_another_type(kb, mirror):
+    """C6, C9: what mentioned it ends with it, and what the snapshot says holds from then on."""
+    mirror.knowledge(knowledge("r1 a", ["(robot_at r1 a)"]), seconds(101))
+    mirror.give_types([param("a", "dock")])
+    mirror.knowledge(knowledge("r1 a", ["(robot_at r1 a)"]), seconds(102))
+    assert types(kb) == {"r1": "robot", "a": "dock"}
+    assert [found.initial_time for found in kb.history("(robot_at r1 a)")] == [seconds(101), seconds(102) + 1]
+    again = Mirror(kb, mirror._clock)
+    again.give_types([param("a", "room")])
+    again.knowledge(knowledge("r1 a", ["(robot_at r1 a)"]), seconds(103))
+    assert types(kb) == {"r1": "robot", "a": "room"}
+
+
 def test_the_goal_is_that_of_the_snapshot(kb, mirror):
     """A goal replaces the one before, and an empty one ends it, in the transaction of the snapshot."""
     mirror.knowledge(knowledge("r1 a b", goal="(and (robot_at r1 a)(free r1))"), seconds(101))

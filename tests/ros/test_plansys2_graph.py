@@ -534,9 +534,9 @@ def recorder(tester, place):
 
 
 @contextmanager
-def watched(place):
-    """The knowledge base while it is recorded."""
-    until(lambda: (place / "robot.db").exists() and kbstore.knowledge_bases(place / "robot.db"))
+def watched(script, place):
+    """The knowledge base while it is recorded, once the recorder listens."""
+    script.heard()
     with opened(place, read_only=True) as kb:
         yield kb
 
@@ -554,8 +554,7 @@ def test_a_mission_is_recorded_through_a_kill(tester, script, recorder, place):
     script.predicates, script.functions = ["(robot_at r1 a)", "(free r1)"], {"(battery r1)": 80}
     script.goal = "(and (robot_at r1 b))"
     script.publish()
-    with recorder() as process, watched(place) as kb:
-        script.heard()
+    with recorder() as process, watched(script, place) as kb:
         until(lambda: facts(kb) == ["(free r1)", "(robot_at r1 a)"])
         assert [*map(str, kb.goals())] == ["(robot_at r1 b)"]
         assert kb.value("(battery r1)") == 80
@@ -574,8 +573,7 @@ def test_a_mission_is_recorded_through_a_kill(tester, script, recorder, place):
     # meanwhile PlanSys2 goes on
     script.predicates, script.functions["(battery r1)"] = ["(free r1)", "(robot_at r1 b)"], 70
     script.publish()
-    with recorder(), watched(place) as kb:
-        script.heard()
+    with recorder(), watched(script, place) as kb:
         until(lambda: facts(kb) == ["(free r1)", "(robot_at r1 b)"])
         script.info(EXECUTING, start, MOVE)
         script.hub(FINISH, MOVE, success=True, status="arrived")
@@ -603,8 +601,7 @@ def test_snapshots_of_a_thousand_facts(tester, script, recorder, place, capsys):
         script.predicates = [f"(item_at i{number} {places[number % 20 == 0]})" for number in range(1000)]
         script.publish()
 
-    with recorder(), watched(place) as kb:
-        script.heard()
+    with recorder(), watched(script, place) as kb:
         move(0)
         until(lambda: len(facts(kb)) == 1000)
         begin = time.monotonic()
@@ -645,7 +642,7 @@ def test_an_error_is_told_and_the_recorder_goes_on(script, recorder, place):
     script.instances = {"r1": "robot", "a": "room"}
     script.predicates = ["(robot_at r1 cellar)"]
     script.publish()
-    with recorder(), watched(place) as kb:
+    with recorder(), watched(script, place) as kb:
         until(lambda: "not recorded" in (place / "recorder.log").read_text())
         script.predicates = ["(robot_at r1 a)"]
         script.publish()
