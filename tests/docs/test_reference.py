@@ -4,6 +4,7 @@ import doctest
 import importlib
 import importlib.util
 import pkgutil
+from pathlib import Path
 
 import pytest
 
@@ -46,11 +47,19 @@ def test_every_command_is_documented():
         assert f"`kbstore {command.name}" in page
 
 
+FROM_A_ROS_DISTRIBUTION = {"plansys2_msgs", "rclpy"}
+"""What no extra can bring: a module that imports it has no examples."""
+
+
 @pytest.mark.parametrize("name", MODULES)
 def test_examples_in_docstrings(name):
     """Every example in a docstring gives what it says."""
     try:
         module = importlib.import_module(name)
     except ModuleNotFoundError as error:
+        if error.name in FROM_A_ROS_DISTRIBUTION:
+            source = importlib.util.find_spec(name).origin
+            assert ">>>" not in Path(source).read_text(encoding="utf-8"), f"{name} cannot be run here"
+            return
         pytest.fail(f"{name} needs {error.name}, which the extra dev should bring")
     assert doctest.testmod(module).failed == 0
