@@ -4,6 +4,7 @@ All of it is in wall-clock time, since the server is another process.
 """
 
 import io
+import itertools
 import random
 import tempfile
 import uuid
@@ -20,6 +21,8 @@ from psycopg import sql
 import kbstore
 from benchmarks.histories import DOMAIN, PASSING, START, STEP, UNIFORM, History, fact
 from benchmarks.measuring import WALL, once, side_by_side
+from benchmarks.peers.peer import Change, changes
+from benchmarks.peers.temporal import Temporal
 from benchmarks.raw import Row, rows_of
 from benchmarks.report import Missing, Result
 from benchmarks.settings import Settings
@@ -81,11 +84,57 @@ def _measure(settings: Settings, url: sa.URL) -> Iterator[Result]:
             clock = ManualClock(START + (history.size + 1) * STEP)
             with kbstore.open(url, shape, clock=clock) as kb:
                 yield _states(settings, raw, kb, history)
+                yield from _temporal(settings, raw, kb, history, clock)
                 if shape == UNIFORM:
                     yield from _points(settings, raw, kb, history)
                     yield _single(settings, raw, kb, clock)
         yield _bulk(settings, raw, url)
         yield _changes(settings, url)
+
+
+def _temporal(
+    settings: Settings, raw: "psycopg.Connection[Any]", kb: kbstore.KnowledgeBase, history: History, clock: ManualClock
+) -> Iterator[Result]:
+    """The same history in a temporal table of PostgreSQL's own; the state at the worst of six times."""
+    beside, what = "PostgreSQL's WITHOUT OVERLAPS", f"{history.shape}, {history.size:,}"
+    temporal = Temporal(raw)
+    temporal.tell(changes(history))
+    worst: Result | None = None
+    for t in history.moments():
+        state = kb.state(at=t)
+        if temporal.state(t) != {" ".join(item.key): item.is_negative for item in state.facts}:
+            raise AssertionError(f"the temporal table tells another state at {t} than kbstore")
+        asked, times = state.facts[500], count(t)
+        key = " ".join(asked.key)
+        ways = {
+            "theirs": lambda: temporal.state(t)[key],  # noqa: B023 - called at once
+            "ours": lambda: kb.state(at=next(times)).holds(asked),  # noqa: B023 - called at once
+        }
+        found = side_by_side(ways, clock=WALL, seconds=settings.seconds / 4)
+        result = Result(f"PostgreSQL: state at t and one question, {what}", beside, found["ours"], found["theirs"], 1)
+        if worst is None or result.ratio > worst.ratio:
+            worst = result
+    assert worst is not None
+    yield worst
+    if history.shape == UNIFORM:
+        item, t = fact("reachable wp3 wp4"), history.moments()[3]
+        signs, own_signs = itertools.cycle((True, False)), itertools.cycle((True, False))
+        last = clock.now()
+
+        def write() -> None:
+            nonlocal last
+            last += 1000
+            temporal.write(Change(last, "reachable wp3 wp4", next(signs)))
+
+        def ours() -> None:
+            clock.advance(1000)
+            kb.add(fact("reachable wp3 wp4", next(own_signs)))
+
+        ways = {"theirs": lambda: temporal.point("reachable wp3 wp4", t), "ours": lambda: kb.holds(item, at=t)}
+        found = side_by_side(ways, clock=WALL, seconds=settings.seconds / 2)
+        yield Result("PostgreSQL: holds at t", beside, found["ours"], found["theirs"])
+        found = side_by_side({"theirs": write, "ours": ours}, clock=WALL, seconds=settings.seconds / 2, minimum=50)
+        yield Result("PostgreSQL: single durable write", beside, found["ours"], found["theirs"])
 
 
 def _changes(settings: Settings, url: sa.URL) -> Result:

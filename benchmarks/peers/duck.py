@@ -6,7 +6,7 @@ from pathlib import Path
 
 import duckdb
 
-from benchmarks.peers.peer import Change, Standing
+from benchmarks.peers.peer import Change, Standing, intervals
 from kbstore.clock import OPEN
 
 
@@ -56,15 +56,3 @@ class Duck:
     def close(self) -> None:
         """Close the database."""
         self._connection.close()
-
-
-def intervals(changes: Iterable[Change]) -> list[tuple[str, bool, int, int]]:
-    """A history as facts with their signs and the intervals in which they held."""
-    found: list[tuple[str, bool, int, int]] = []
-    standing: dict[str, tuple[bool, int]] = {}
-    for time, key, is_negative in changes:
-        if key in standing:
-            found.append((key, *standing.pop(key), time))
-        if is_negative is not None:
-            standing[key] = (is_negative, time)
-    return found + [(key, *since, OPEN) for key, since in standing.items()]

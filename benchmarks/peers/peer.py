@@ -4,6 +4,7 @@ from collections.abc import Iterable, Iterator
 from typing import NamedTuple, Protocol
 
 from benchmarks.histories import History
+from kbstore.clock import OPEN
 
 
 class Change(NamedTuple):
@@ -56,3 +57,15 @@ def changes(history: History) -> Iterator[Change]:
         for key, is_negative in said:
             speaking[key.split(" ")[1]][key] = None
             yield Change(time, key, is_negative)
+
+
+def intervals(changes: Iterable[Change]) -> list[tuple[str, bool, int, int]]:
+    """A history as facts with their signs and the intervals in which they held."""
+    found: list[tuple[str, bool, int, int]] = []
+    standing: dict[str, tuple[bool, int]] = {}
+    for time, key, is_negative in changes:
+        if key in standing:
+            found.append((key, *standing.pop(key), time))
+        if is_negative is not None:
+            standing[key] = (is_negative, time)
+    return found + [(key, *since, OPEN) for key, since in standing.items()]
