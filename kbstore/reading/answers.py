@@ -107,11 +107,12 @@ class Answers:
         self, repository: Repository, prepared: _Prepared, at: TimeLike | None, *, look_ahead: bool
     ) -> _Found | None:
         """The answer by what holds on a single timeline; None where one statement is not enough."""
-        timeline = prepared.timeline
-        if timeline is None:
+        generation, timeline = prepared.timeline
+        if timeline is None or generation != repository.generation:
             assert prepared.key is not None
             found = repository.find(Role.STATE, prepared.kind, [prepared.key])
-            timeline = prepared.timeline = found.get(prepared.key)
+            timeline = found.get(prepared.key)
+            prepared.timeline = repository.generation, timeline
         t = self._resolver.read_clock() if at is None else at if type(at) is int else time(at)
         point = repository.value_at(prepared.kind, timeline, t)
         if at is None and point is not None and point[1] > t:

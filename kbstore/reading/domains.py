@@ -29,33 +29,37 @@ class DomainVersions:
         self.latest = DomainVersion()
         """The latest version that has been read."""
         self._caching = caching
-        self._known: list[DomainVersion] = []
+        self._known: tuple[int, list[DomainVersion]] = (0, [])
+        """How often the store had gone back when they were read, and the versions."""
         self._loading = threading.Lock()
 
     def copy(self) -> "DomainVersions":
         """The same versions, for a reader that may see others that are not committed."""
         made = DomainVersions(caching=self._caching)
-        made.latest, made._known = self.latest, list(self._known)
+        made.latest, made._known = self.latest, (0, list(self._known[1]))
         return made
 
-    def forget(self) -> None:
-        """Forget what has been read, as the store has gone back."""
+    def forget(self, generation: int) -> None:
+        """Forget what has been read, as the store has gone back for so many times."""
         with self._loading:
-            self._known = []
+            self._known = (generation, [])
             self.latest = DomainVersion()
 
     def all(self, repository: Repository, head: Head) -> list[DomainVersion]:
         """All versions of the domain, in order."""
-        known = self._known
-        if len(known) < head.domain_version:
+        generation, known = self._known
+        if generation != repository.generation or len(known) < head.domain_version:
             with self._loading:
-                known = list(self._known)
+                generation, known = self._known
+                known = list(known) if generation == repository.generation else []
                 for version, since, number, source, sensed in repository.domain_versions(len(known)):
                     domain = read_domain(source).marked(json.loads(sensed))
                     known.append(DomainVersion(version, since, number, domain))
-                self.latest = known[-1]
-                if self._caching:
-                    self._known = known
+                # who began to read before the store went back has read for itself alone
+                if known and generation <= repository.generation:
+                    self.latest = known[-1]
+                    if self._caching:
+                        self._known = repository.generation, known
         return known[: head.domain_version]
 
     def in_force(self, repository: Repository, head: Head, position: LogPosition) -> DomainVersion:

@@ -59,7 +59,7 @@ class PreparedCondition:
         self.named = named_arguments(formula, domain)
         self.plausible_at = -1
         self.proves_types = not any(isinstance(node, Not | Or | Imply | Forall) for node, _, _ in walk(formula, {}))
-        self.timeline: Timeline | None = None
+        self.timeline: tuple[int, Timeline | None] = (0, None)
         part = formula.part if isinstance(formula, Not) else formula
         absent = Truth.FALSE
         self.key: str | None = None
@@ -103,7 +103,7 @@ class PreparedExpression:
         self.expression = expression
         self.named = named_arguments(expression, domain)
         self.plausible_at = -1
-        self.timeline: Timeline | None = None
+        self.timeline: tuple[int, Timeline | None] = (0, None)
         only = expression[0] if len(expression) == 1 else None
         self.key = ground_key(only) if isinstance(only, Atom) else None
         if isinstance(only, Atom) and domain is not None and key(only.name) in domain.forecast.uncomputed:

@@ -35,10 +35,14 @@ if TYPE_CHECKING:
 
 
 class _Past(NamedTuple):
-    """A past state, and the last transaction with late knowledge when it was read."""
+    """A past state, the last transaction with late knowledge when it was read, and of which generation it is.
+
+    Who began to read before the store went back may put a state into a cache that has been emptied meanwhile.
+    """
 
     data: StateData
     late: int
+    generation: int
 
 
 class Reader:
@@ -93,7 +97,7 @@ class Reader:
 
     def _forget(self) -> None:
         """Forget everything, as the store has gone back."""
-        self.domains.forget()
+        self.domains.forget(self.memory.progress.returns)
         self.questions.forget()
         self._states.clear()
 
@@ -142,7 +146,7 @@ class Reader:
         if data is None:
             data = self._data(repository, point, symbols.domain)
             if point.is_settled:
-                self._states.put(point.valid_time, _Past(data, point.head.late))
+                self._states.put(point.valid_time, _Past(data, point.head.late, repository.generation))
         return self.state_of(data, symbols, point.system_time if point.is_as_of else None)
 
     def items(
@@ -188,11 +192,13 @@ class Reader:
     def _remembered(self, repository: Repository, point: TemporalPoint) -> StateData | None:
         """A past state that was read before, unless late knowledge has reached its time since then (rule L4)."""
         past = self._states.find(point.valid_time)
-        if past is None or past.late == point.head.late:
-            return None if past is None else past.data
+        if past is None or past.generation != repository.generation:
+            return None
+        if past.late == point.head.late:
+            return past.data
         if past.late > point.head.late or repository.late_from(past.late) <= point.valid_time:
             return None
-        self._states.put(point.valid_time, _Past(past.data, point.head.late))
+        self._states.put(point.valid_time, past._replace(late=point.head.late))
         return past.data
 
     def state_of(self, data: StateData, symbols: SymbolTable, as_of: LogPosition | None = None) -> State:

@@ -12,6 +12,10 @@ answers about now      question; of one connection    50,000                    
 answers of a `State`   question                       1,000 of each state       never wrong: a state never changes
 =====================  =============================  ========================  =====================================
 
+When the store goes back, all are emptied. Who began to read before that may still put something in: past states,
+domain versions and the timelines of prepared questions are marked with the generation in which they were read
+(`Repository.generation`), and are of no use to another.
+
 ``kbstore.open(cache=False)`` turns all of them off. Beside them there are pure functions behind
 `functools.lru_cache` (labelled values, the nodes of an interval tree, the compiled rules of a domain, the objects
 in a text) and what is worked out once for each symbol of a domain, which goes with the domain; these depend on their

@@ -51,6 +51,9 @@ class Repository:
         # before anything is read: what was seen by then is not newer than what is read
         self._seen = memory.progress.seen
         self._cache = memory.timelines
+        # after that: whoever sees a store that went back since then notices it, and takes the generation anew
+        self.generation = memory.progress.returns
+        """How often the store had gone back when this was made; what is cached belongs to one generation."""
         self._positions: dict[LogPosition, dict[str, Any]] = {}
         self._head: Head | None = None
         self._read_ahead: dict[tuple[KnowledgeType, LogPosition], list[SqlRow]] = {}
@@ -94,6 +97,7 @@ class Repository:
             self._refuse_another()
         self._seen = now
         self._cache = self._memory.timelines
+        self.generation = self._memory.progress.returns
         return has_gone_back
 
     def _refuse_another(self) -> None:

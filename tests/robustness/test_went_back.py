@@ -9,6 +9,7 @@ import sqlite3
 import threading
 import time
 import uuid
+from concurrent.futures import ThreadPoolExecutor
 
 import psycopg
 import pytest
@@ -330,3 +331,71 @@ def test_a_file_that_was_made_anew_is_told_to_readers(tmp_path, opened):
     for ask in (lambda: kb.holds("(p a)"), kb.state, lambda: kb.add("(p a)")):
         with pytest.raises(StoreUnavailable, match="moved, deleted or replaced"):
             ask()
+
+
+def in_another_thread(work):
+    """Do something in another thread, to its end; what it gives, or raises."""
+    with ThreadPoolExecutor(1) as pool:
+        return pool.submit(work).result()
+
+
+def test_who_read_before_a_restore_puts_nothing_into_emptied_caches(sqlite_store, monkeypatch):
+    """A thread that read a past state before a restore, and caches it after another has noticed: nobody is told it.
+
+    The same of a domain, and of the number of a timeline: each belongs to the generation in which it was read.
+    """
+    clock = kbstore.ManualClock(100)
+    with kbstore.open(sqlite_store.url, "kenny", clock=clock) as kb:
+        kb.load(DOMAIN)
+        kb.add("hall - room", "(clean hall)")
+        sqlite_store.save()
+        clock.set(200)
+        kb.load(OTHER)
+        kb.add("attic - room", "(tidy attic)")
+    clock.set(300)
+    with kbstore.open(sqlite_store.url, "kenny", clock=clock) as kb:
+        kb.load(OTHER)
+        clock.set(400)
+        kb.add("(clean attic)")
+        reader, read = kb._reader, type(kb._reader)._data
+        turns = []
+
+        def read_and_be_overtaken(self, *arguments):
+            found = read(self, *arguments)
+            if not turns:
+                turns.append("restored")
+                sqlite_store.restore()
+                with pytest.raises(StoreWentBack):
+                    in_another_thread(lambda: kb.state(at=250))
+                clock.set(500)
+                in_another_thread(lambda: kb.add("cellar - room"))
+                turns.append([str(fact) for fact in in_another_thread(lambda: kb.state(at=250)).facts])
+            return found
+
+        monkeypatch.setattr(type(reader), "_data", read_and_be_overtaken)
+        overtaken = kb.state(at=250)
+        assert turns == ["restored", ["(clean hall)"]]
+        assert sorted(map(str, overtaken.facts)) == ["(clean hall)", "(tidy attic)"]
+        after = in_another_thread(lambda: kb.state(at=250))
+        assert [str(fact) for fact in after.facts] == ["(clean hall)"]
+        assert "tidy" not in after.domain.predicates
+
+
+def test_a_domain_that_was_read_before_a_restore_is_nobody_elses(sqlite_store):
+    """A thread that began before a restore reads its versions for itself: what others have read since then stays."""
+    with kbstore.open(sqlite_store.url, "kenny", clock=kbstore.ManualClock(100)) as kb:
+        kb.load(DOMAIN)
+        sqlite_store.save()
+    with kbstore.open(sqlite_store.url, "kenny", clock=kbstore.ManualClock(200)) as kb:
+        kb.load(OTHER)
+        reader = kb._reader
+        reader.domains.forget(0)
+        with reader.repository() as before:
+            head = before.head()
+            sqlite_store.restore()
+            with pytest.raises(StoreWentBack):
+                in_another_thread(kb.state)
+            assert in_another_thread(lambda: "tidy" in kb.domain.predicates) is False
+            assert [version.version for version in reader.domains.all(before, head)] == [1, 2]
+        assert "tidy" not in kb.domain.predicates
+        assert reader.domains.latest.version == 1
