@@ -12,8 +12,10 @@ from contextlib import contextmanager
 
 import httpx2
 import pytest
+from typer.testing import CliRunner
 
 import kbstore
+from kbstore.cli.app import app
 from kbstore.cli.demo.mission import record
 from kbstore.serve.server import Server, listen
 from kbstore.serve.store import Store
@@ -31,8 +33,8 @@ def running(url, **options):
         addresses.append(address)
         ready.set()
 
-    app = make_app(Store(url, allow_writes=options.get("allow_writes", False)), **options)
-    server = Server(app, ready=tell)
+    served = make_app(Store(url, allow_writes=options.get("allow_writes", False)), **options)
+    server = Server(served, ready=tell)
     thread = threading.Thread(target=server.run, args=[[listen("127.0.0.1", 0)]])
     before = set(threading.enumerate())
     thread.start()
@@ -203,3 +205,15 @@ def run_serve(store):
         )
 
     return run
+
+
+@pytest.mark.parametrize("library", ["fastapi", "uvicorn"])
+def test_a_missing_library_is_told(store, monkeypatch, library):
+    """One line names the extra that brings it."""
+    for name in [name for name in sys.modules if name.startswith(("kbstore.serve.", library))]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, library, None)
+    done = CliRunner().invoke(app, ["serve", "--url", str(store)], prog_name="kbstore")
+    assert done.exit_code == 2
+    (line,) = done.stderr.splitlines()
+    assert "pip install 'kbstore[web]'" in line
