@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+import kbstore
 from kbstore.cli.options import Now, Url, clock_for, store
 from kbstore.errors import MissingLibrary
 
@@ -61,6 +62,8 @@ def serve(
             " install them with: pip install 'kbstore[web]'"
         ) from None
     place = store(url)
+    # what cannot be opened is told now, and not to whoever asks first
+    kbstore.knowledge_bases(place)
     served = Store(
         place,
         allow_writes=allow_writes,

@@ -181,6 +181,14 @@ def test_a_port_that_is_taken_is_an_error(run_serve):
     assert line.startswith("kbstore: cannot listen at 127.0.0.1, port")
 
 
+def test_a_store_that_is_not_there_is_an_error(tmp_path):
+    """When the service is started, and not when it is asked; none is made, whether it may write or not."""
+    for writes in ([], ["--allow-writes"]):
+        done = CliRunner().invoke(app, ["serve", "--url", str(tmp_path / "no.db"), *writes], prog_name="kbstore")
+        assert (done.exit_code, "there is no store" in done.stderr) == (2, True)
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_others_are_refused_without_a_token(run_serve):
     """Before anything is served."""
     done = run_serve("--host", "0.0.0.0")

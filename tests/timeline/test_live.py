@@ -5,6 +5,7 @@ import time
 import pytest
 
 import kbstore
+from kbstore.cli.demo.mission import record
 from tests.serve.test_server import running
 
 NASTY = "<img src=x onerror=alert(1)></script><script>document.title='gone'</script>"
@@ -69,6 +70,17 @@ def test_the_cursor_follows_now_until_it_is_moved(live):
     assert "(lit hall)" in page.text("#state")
     page.run("document.querySelector('#follow').click()")
     assert eventually(lambda: page.text("#at") > moved and "(lit hall)" not in page.text("#state"))
+
+
+def test_a_recording_of_another_day_is_not_left(browser, tmp_path):
+    """The page shows its last moment; who wants to see now asks for it."""
+    record(f"sqlite:///{tmp_path / 'k.db'}").close()
+    with running(tmp_path / "k.db") as address:
+        browser.visit(address)
+        assert eventually(lambda: browser.text("#connection") == "live")
+        assert browser.run("return document.querySelector('#follow').getAttribute('aria-pressed')") == "false"
+        assert browser.text("#at").startswith("2026-05-04 09:")
+        browser.visit("about:blank")
 
 
 def test_who_looks_at_a_belief_goes_on_looking_at_it(live):

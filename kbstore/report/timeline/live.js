@@ -44,5 +44,5 @@ source.addEventListener("now", (event) => { data.now = Number(event.data); chang
 follow.addEventListener("click", () => setFollowing(!isFollowing));
 canvas.addEventListener("pointerdown", (event) => { if (event.offsetX >= LABELS) setFollowing(false); });
 document.addEventListener("keydown", (event) => { if (["ArrowLeft", "ArrowRight", ",", "."].includes(event.key)) setFollowing(false); });
-// a link to a moment shows that moment
-setFollowing(!location.hash.includes("t="));
+// a link to a moment shows that moment, and a recording of another day shows that day
+setFollowing(!location.hash.includes("t=") && data.now < data.until + 86400e9);
