@@ -206,3 +206,16 @@ def test_times_are_given_in_any_form(serve, tmp_path, written, seconds_later):
     clock.set(seconds(1000))
     found = serve(tmp_path / "k.db", clock=clock).get("/api/state", params={"at": written}).json()
     assert found["at"] == isoformat(seconds(1000 + seconds_later))
+
+
+def test_a_store_on_postgresql(serve, empty_database):
+    """The same of a server's store: each question in a thread, also one about a fact now."""
+    with kbstore.open(empty_database, "kenny") as kb:
+        kb.add("(p)")
+        client = serve(empty_database, allow_writes=True)
+        for _ in range(3):
+            assert client.get("/api/holds", params={"condition": "(p)"}).json()["holds"]
+        assert client.post("/api/remove", json={"items": ["(p)"]}).json()["number"] == 2
+        assert not client.get("/api/holds", params={"condition": "(p)"}).json()["holds"]
+        assert [change["number"] for change in client.get("/api/changes").json()] == [1, 2]
+        assert client.get("/").text.startswith("<!doctype html>")
