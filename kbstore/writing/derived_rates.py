@@ -24,5 +24,5 @@ def derive_rates(repository: Repository, head: Head, *, use_unknowns: bool) -> N
     domain = DomainVersions(caching=False).in_force(repository, head, position).domain
     change_set = ChangeSet(repository, head.time, mentions)
     executor = ActionExecutor(change_set, running, head.last_run)
-    WorkingState(repository, change_set, executor, domain, use_unknowns=use_unknowns).follow_rates(domain)
+    WorkingState(repository, change_set, executor, domain, use_unknowns=use_unknowns).follow_rates(domain, anew=True)
     repository.save_derived(Flush(change_set, repository).rows(), head)

@@ -51,13 +51,14 @@ class WorkingState:
         snapshot = Snapshot(now, standing, domain, self._use_unknowns)
         return StateData(snapshot, list(pending.values()), self._executor.running)
 
-    def follow_rates(self, domain: Domain | None) -> None:
+    def follow_rates(self, domain: Domain | None, *, anew: bool = False) -> None:
         """Let numbers that runs move follow what their rates read, now and by what is scheduled (rule O5).
 
-        Reads the objects, and what the rates read or move, from the store; nothing where none of it has changed.
+        Reads the objects, and what the rates read or move, from the store; nothing where none of it has changed, but
+        with `anew`.
         """
         names = self._symbols(domain)
-        if names and self._is_touched(names, domain):
+        if names and (anew or self._is_touched(names, domain)):
             self._change_set.follow(self._simulator(*self._rows(domain, names), domain).advance(OPEN))
 
     def _symbols(self, domain: Domain | None) -> set[str]:
