@@ -61,7 +61,7 @@ def open(
     database = Database(url, durability=durability, read_only=read_only, busy_timeout=busy_timeout, schema=schema)
     try:
         with database.wrap_errors():
-            schemas.ensure(database.engine, read_only=read_only, schema=schema)
+            schemas.ensure(database.engine, read_only=read_only, schema=database.schema)
         return KnowledgeBase(
             database,
             name,
@@ -83,7 +83,7 @@ def knowledge_bases(url: str | os.PathLike[str] | URL | Engine, *, schema: str |
     database = Database(url, read_only=True, schema=schema)
     try:
         with database.wrap_errors():
-            schemas.ensure(database.engine, read_only=True, schema=schema)
+            schemas.ensure(database.engine, read_only=True, schema=database.schema)
         with database.read() as connection:
             return directory.names(connection)
     finally:

@@ -15,7 +15,7 @@ from kbstore.errors import StoreUnavailable
 from kbstore.storage.borrowing import savepoint
 from kbstore.storage.connection import Options, Parameters, SqlRow, StoreConnection
 from kbstore.storage.connections import ThreadConnections
-from kbstore.storage.engine import BUSY_TIMEOUT, make_engine, parsed_url, refuse_others, refuse_schema
+from kbstore.storage.engine import BUSY_TIMEOUT, make_engine, parsed_url, refuse_others, schema_of
 from kbstore.storage.pools import LentConnections, PooledConnections, ServerConnections, ServerPool
 from kbstore.storage.sqlite_connection import SqliteConnection
 from kbstore.storage.statements import Statement
@@ -42,7 +42,7 @@ class Database:
         if not 0 <= busy_timeout <= 1_000_000:
             raise ValueError(f"busy_timeout is a number of seconds from 0 to a million, not {busy_timeout!r}")
         parsed = url.url if isinstance(url, Engine) else parsed_url(url)
-        refuse_schema(parsed, schema)
+        schema = schema_of(parsed, schema)
         shown = parsed.render_as_string(hide_password=True)
         self._options = Options(shown, busy_timeout, durability, read_only, schema)
         self._connections = _opened(url if isinstance(url, Engine) else parsed, self._options)

@@ -59,6 +59,15 @@ def refuse_schema(url: URL, schema: str | None) -> None:
         raise StoreUnavailable(f"schemas are PostgreSQL's; {shown} can't have the schema {schema!r}")
 
 
+def schema_of(url: URL, schema: str | None) -> str | None:
+    """Return the PostgreSQL schema of a store: the one that is given, or else that of its URL (``?schema=...``)."""
+    named = url.query.get("schema")
+    if schema is None and named is not None:
+        schema = named if isinstance(named, str) else named[-1]
+    refuse_schema(url, schema)
+    return schema
+
+
 def refuse_others(backend: str) -> None:
     """Raise for a backend that kbstore has no SQL for."""
     if backend not in ("sqlite", "postgresql"):

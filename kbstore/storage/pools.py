@@ -6,7 +6,7 @@ import weakref
 from abc import abstractmethod
 from typing import Any, ClassVar
 
-from sqlalchemy import Engine
+from sqlalchemy import Engine, event
 from sqlalchemy.engine import URL
 from sqlalchemy.exc import DBAPIError
 from sqlalchemy.exc import TimeoutError as PoolTimeout
@@ -18,7 +18,7 @@ from kbstore.storage.connection import LOG, Options, StoreConnection, inherited
 from kbstore.storage.connections import Connections
 from kbstore.storage.engine import make_engine
 from kbstore.storage.postgresql_connection import PostgresqlConnection
-from kbstore.storage.server_engine import connect_timeout, pool_size
+from kbstore.storage.server_engine import connect_timeout, pool_size, refuse_bytes
 from kbstore.storage.sqlite_connection import SqliteConnection
 from kbstore.storage.statement_events import ObservedDriver, is_observed
 
@@ -189,6 +189,9 @@ class LentConnections(PooledConnections):
 
     def __init__(self, engine: Engine, options: Options) -> None:
         super().__init__(engine, options)
+        if not self._is_sqlite and not event.contains(engine, "connect", _refuse_bytes):
+            # before SQLAlchemy asks for the version of the server, and cannot read the answer
+            event.listen(engine, "connect", _refuse_bytes, insert=True)
         self._turn = _turns.setdefault(engine.pool, threading.RLock()) if _has_one(engine) else None
         self._thread_locks: weakref.WeakSet[Any] = weakref.WeakSet()
         self._is_prepared = False
@@ -280,6 +283,10 @@ class LentConnections(PooledConnections):
 
     def _locks(self) -> list[Any]:
         return list(self._thread_locks) if self._turn is None else [self._turn]
+
+
+def _refuse_bytes(driver: Any, _record: Any) -> None:
+    refuse_bytes(driver, f"the database {driver.info.dbname}")
 
 
 _turns: "weakref.WeakKeyDictionary[Any, Any]" = weakref.WeakKeyDictionary()

@@ -27,7 +27,7 @@ from kbstore.errors import KbStoreError, SchemaOutOfDate, SchemaTooNew, SchemaUn
 from kbstore.storage import schema_objects, tables
 from kbstore.storage.connection import LOG
 from kbstore.storage.driver_errors import sqlite_code
-from kbstore.storage.engine import make_engine, refuse_schema
+from kbstore.storage.engine import make_engine, parsed_url, refuse_schema, schema_of
 from kbstore.storage.schema_objects import VERSION_TABLE, VIEWS
 from kbstore.storage.statement_events import begin_quietly
 
@@ -97,6 +97,7 @@ def ensure(engine: sa.Engine, *, read_only: bool, schema: str | None = None) -> 
 
 def current(url: Store, *, schema: str | None = None) -> str | None:
     """The revision of a store's schema; None where there is none yet."""
+    schema = schema_of(parsed_url(url), schema)
     with _opened(url, schema) as engine, connecting(engine, existing=True) as connection:
         stamps = _stamps(connection, schema)
         if not _is_empty(connection, stamps, schema) and len(stamps or ()) > 1:
@@ -109,6 +110,7 @@ def check(url: Store, *, wait: float = 0, schema: str | None = None) -> None:
 
     Waits up to `wait` seconds for a database that does not answer yet or is still to be upgraded by someone else.
     """
+    schema = schema_of(parsed_url(url), schema)
     deadline = time.monotonic() + wait
     while True:
         try:
@@ -274,6 +276,7 @@ def _set_up(connection: sa.Connection, schema: str | None) -> None:
 
 
 def _migrate(url: Store, revision: str, schema: str | None, *, backup: bool, down: bool) -> Migrated:
+    schema = schema_of(parsed_url(url), schema)
     with _opened(url, schema) as engine, connecting(engine) as connection, _alembic:
         return _run(connection, revision, schema, backup=backup, down=down)
 

@@ -6,6 +6,7 @@ parameter              default    what
 ``pool_size``          15         the most connections of a process to the server
 ``answer_timeout``     30 s       how long a server may say nothing before the connection is given up; the
                                   default follows `busy_timeout`, and is 5 s at least; ``none`` waits for ever
+``schema``             none       the schema in which the tables are, as in ``kbstore.open(schema=...)``
 ``prepare_threshold``  5          executions after which psycopg prepares a statement; ``none`` is for poolers
 =====================  =========  ============================================================================
 
@@ -27,7 +28,7 @@ from kbstore.errors import StoreUnavailable
 
 _POOL_SIZE = 15
 _LEAST_PATIENCE = 5.0
-_OWN = ("answer_timeout", "pool_size", "prepare_threshold")
+_OWN = ("answer_timeout", "pool_size", "prepare_threshold", "schema")
 
 
 def server_engine(url: URL, busy_timeout: float) -> Engine:
@@ -47,15 +48,23 @@ def server_engine(url: URL, busy_timeout: float) -> Engine:
     def connect(_dialect: Any, _record: Any, positional: Any, named: Any) -> Any:
         connection = _patient().connect(*positional, **named)
         connection.answer_timeout = patience
-        if connection.info.parameter_status("server_encoding") == "SQL_ASCII":
+        try:
+            refuse_bytes(connection, engine.url.render_as_string(hide_password=True))
+        except StoreUnavailable:
             connection.close()
-            raise StoreUnavailable(
-                f"{engine.url.render_as_string(hide_password=True)} has the encoding SQL_ASCII, in which text comes "
-                "back as bytes; create a database for kbstore with ENCODING 'UTF8' (and TEMPLATE template0)"
-            )
+            raise
         return connection
 
     return engine
+
+
+def refuse_bytes(driver: Any, store: str) -> None:
+    """Raise for a database without an encoding; the server has said on connecting which it has."""
+    if driver.info.parameter_status("server_encoding") == "SQL_ASCII":
+        raise StoreUnavailable(
+            f"{store} has the encoding SQL_ASCII, in which text comes back as bytes; create a database for kbstore "
+            "with ENCODING 'UTF8' (and TEMPLATE template0)"
+        )
 
 
 def connect_timeout(busy_timeout: float) -> int:

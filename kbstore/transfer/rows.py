@@ -184,7 +184,7 @@ def opened(url: Store, *, writing: bool = False) -> Iterator[Database]:
     database = Database(url, read_only=not writing and not isinstance(url, Engine))
     try:
         with database.wrap_errors():
-            schema.ensure(database.engine, read_only=not writing)
+            schema.ensure(database.engine, read_only=not writing, schema=database.schema)
         yield database
     finally:
         database.close()

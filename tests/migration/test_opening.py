@@ -233,6 +233,27 @@ def test_a_knowledge_base_in_a_schema(postgresql_url, kind, tmp_path):
     engine.dispose()
 
 
+def test_a_schema_in_the_url(postgresql_url, tmp_path):
+    """`?schema=...` is as good as `schema=`: whatever takes a URL works there, and nothing is made elsewhere."""
+    url = f"{postgresql_url}{'&' if '?' in postgresql_url else '?'}schema=in_the_url"
+    with kbstore.open(url, "kenny") as kb:
+        kb.add("(here)")
+    assert schema.current(url) == schema.HEAD
+    schema.check(url)
+    assert kbstore.knowledge_bases(url) == ["kenny"] == kbstore.knowledge_bases(postgresql_url, schema="in_the_url")
+    kbstore.export_knowledge_base(url, "kenny", tmp_path / "kenny.jsonl")
+    assert kbstore.import_knowledge_base(url, tmp_path / "kenny.jsonl", "ken") == "ken"
+    assert kbstore.knowledge_bases(kbstore.backup(url, tmp_path / "copy.db")) == ["ken", "kenny"]
+    with kbstore.open(url, "ken", read_only=True) as kb:
+        assert kb.holds("(here)")
+    with pytest.raises(StoreUnavailable, match="schemas are PostgreSQL's"):
+        kbstore.open(f"sqlite:///{tmp_path / 'file.db'}?schema=fleet")
+    engine = sa.create_engine(postgresql_url)
+    with engine.begin() as connection:
+        connection.exec_driver_sql("DROP SCHEMA in_the_url CASCADE")
+    engine.dispose()
+
+
 def test_a_database_without_an_encoding(postgresql_url):
     """A database in SQL_ASCII, from which text comes back as bytes, is refused in a sentence."""
     admin = sa.create_engine(postgresql_url, isolation_level="AUTOCOMMIT")
@@ -243,6 +264,10 @@ def test_a_database_without_an_encoding(postgresql_url):
         try:
             with pytest.raises(StoreUnavailable, match=r"SQL_ASCII.*ENCODING 'UTF8'"):
                 kbstore.open(admin.url.set(database="bytes"))
+            own = sa.create_engine(admin.url.set(database="bytes"))
+            with pytest.raises(StoreUnavailable, match=r"SQL_ASCII.*ENCODING 'UTF8'"):
+                kbstore.open(own)
+            own.dispose()
         finally:
             connection.exec_driver_sql("DROP DATABASE bytes WITH (FORCE)")
     admin.dispose()
