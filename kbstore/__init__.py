@@ -1,4 +1,4 @@
-"""kbstore: an SQL-backed knowledge store with temporal queries, for robots that plan.
+"""kbstore: a bitemporal knowledge base for robot planning on SQLite and PostgreSQL.
 
 See `kbstore.open` for where to begin. A name is imported when it is first used, so that whoever needs a part of
 kbstore does not wait for all of it.
