@@ -240,7 +240,7 @@ _HOMES = {
     "Ingested": "kbstore.writing.ingesting.Ingested",
     "OpenTransaction": "kbstore.writing.unit_of_work.OpenTransaction",
 }
-"""Where each public name comes from, as above; for the interpreter, which does not see what type checkers see."""
+"""The module of each public name, as above; for the interpreter, which does not see what type checkers see."""
 
 
 def __getattr__(name: str) -> Any:

@@ -922,7 +922,7 @@ class KnowledgeBase:
         return archive.archive(self._reader, before, path, progress=progress)
 
     def is_quick(self, question: Question) -> bool:
-        """Whether a question about now needs one short read of an SQLite file at most, or nothing at all.
+        """Return whether a question about now needs one short read of an SQLite file at most, or nothing at all.
 
         So is a fact or a number that has been asked for before. For callers that must not be kept waiting.
         """

@@ -13,14 +13,14 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 CHUNK = 256
-"""How many items of an iterator a thread takes at once."""
+"""The number of items of an iterator that a thread takes at once."""
 
 Awaited = Callable[Concatenate[Any, P], Coroutine[Any, Any, R]]
 """A method that is a coroutine."""
 
 
 class Reads(Protocol):
-    """What can call a function with the object whose methods are awaited, in a thread that reads."""
+    """Calls a function with the object whose methods are awaited, in a thread that reads."""
 
     def read(self, function: Callable[[Any], R], /) -> Awaitable[R]:
         """Call it."""

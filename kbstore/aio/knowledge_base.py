@@ -98,7 +98,7 @@ class KnowledgeBase:
             return await self._workers.write(lambda: function(self.sync))
 
     def is_quick(self, question: Question) -> bool:
-        """Whether a question about now is answered within microseconds, so that it needs no thread."""
+        """Return whether a question about now is answered within microseconds, so that it needs no thread."""
         # a store in memory has one connection, which an open transaction has
         return not self._turn.is_taken and self.sync.is_quick(question)
 
@@ -198,7 +198,7 @@ class KnowledgeBase:
 
 
 class Opening:
-    """What `kbstore.aio.open` returns: to be awaited, or to be entered, which closes it afterwards."""
+    """The result of `kbstore.aio.open`: to be awaited, or to be entered, which closes it afterwards."""
 
     def __init__(self, opening: Callable[[], SyncKnowledgeBase]) -> None:
         self._opening = opening

@@ -11,7 +11,7 @@ from kbstore.errors import StoreUnavailable
 R = TypeVar("R")
 
 READERS = 4
-"""How many threads read at most; others wait for them."""
+"""The most threads that read; others wait for them."""
 
 
 class Workers:

@@ -19,6 +19,7 @@ from kbstore.cli.options import (
     Url,
     asked,
     at_time,
+    belief,
     told,
 )
 from kbstore.cli.output import answer
@@ -171,7 +172,7 @@ def runs(
         kbstore runs "(drive kenny ? ?)" --json
     """
     with asked(url, kb, now) as found:
-        listed = found.runs(pattern, at_time(since, found), at_time(until, found), at_time(as_of, found))
+        listed = found.runs(pattern, at_time(since, found), at_time(until, found), belief(as_of, found))
         answer(each(listed), as_json=as_json, view=lambda: records.runs_view(listed))
 
 

@@ -1,4 +1,4 @@
-"""What is written for planners, for other stores and for other tools: ``export``."""
+"""Exports for planners, for other stores and for other tools: ``export``."""
 
 import json
 import sys
@@ -27,7 +27,7 @@ Output = Annotated[
 
 
 class Format(StrEnum):
-    """What `export` writes."""
+    """The formats that `export` writes."""
 
     PDDL = "pddl"
     JSON = "json"
@@ -38,7 +38,7 @@ class Format(StrEnum):
 
 
 class Of(StrEnum):
-    """What the rows of a table are."""
+    """The kinds of rows of a table."""
 
     FACTS = "facts"
     NUMBERS = "numbers"

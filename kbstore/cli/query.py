@@ -126,7 +126,7 @@ def find(
         kbstore find "(not (delivered ?p - parcel lab))"
     """
     with asked(url, kb, now) as found:
-        bindings = found.find(condition, at=at_time(at, found), as_of=at_time(as_of, found))
+        bindings = found.find(condition, at=at_time(at, found), as_of=belief(as_of, found))
         answer(bindings, as_json=as_json, view=lambda: records.bindings_table(bindings))
     raise typer.Exit(0 if bindings else 1)
 

@@ -1,4 +1,4 @@
-"""Whether a question can be asked: known symbols, the right number of arguments, no loose variables (rules V7, V8)."""
+"""Checks of questions: known symbols, the right number of arguments, no free variables (rules V7, V8)."""
 
 from collections.abc import Mapping
 

@@ -46,7 +46,7 @@ _FIELDS = {
 """The fields of a `DurativeAction` for conditions and effects."""
 
 Names = Mapping[str, str]
-"""What stands for a variable, which is given by its key without the question mark."""
+"""The name in place of a variable, which is given by its key without the question mark."""
 
 
 class MessageWriter:
@@ -271,7 +271,7 @@ def _split(part: Formula | Effect) -> Iterator[Formula | Effect]:
 
 
 def _names(declared: Action | Signature, arguments: Sequence[str]) -> Names:
-    """What stands for each parameter: an object as far as they are given, then its position, ``?2``."""
+    """Return the name for each parameter: an object as far as they are given, then its position, ``?2``."""
     given = [*arguments, *(f"?{position}" for position in range(len(arguments), len(declared.parameters)))]
     return {key(p.name): name for p, name in zip(declared.parameters, given, strict=False)}
 

@@ -29,7 +29,7 @@ LONGEST = 34
 
 
 class Look(StrEnum):
-    """How a bar is drawn: an SVG style."""
+    """The look of a bar: an SVG style."""
 
     TRUE = "stroke:#2a9d6f;stroke-width:10"
     FALSE = "stroke:#d1495b;stroke-width:5"

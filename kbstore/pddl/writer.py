@@ -78,7 +78,7 @@ class StateLike(Protocol):
 
     @property
     def timed_constraints(self) -> Sequence[tuple[int, str]]:
-        """What is kept of later times, in PDDL."""
+        """The constraints of later times, in PDDL."""
 
     @property
     def timed_knowledge(self) -> Sequence[KnowledgeItem]:

@@ -1,4 +1,4 @@
-"""Whether an operator can be applied (rules O1, O7)."""
+"""Applicability of operators (rules O1, O7)."""
 
 from collections.abc import Iterable
 

@@ -69,7 +69,7 @@ class Answers:
         return self._ask(self._expressions, question, at, as_of)  # type: ignore[return-value]
 
     def is_quick(self, question: Question) -> bool:
-        """Whether one timeline of a store that this thread has open decides a question, as far as is known already."""
+        """Return whether one timeline decides a question, on a connection that this thread has, as far as is known."""
         key = self._domains.latest.domain, question if type(question) is str else question_key(question)
         found = self._conditions.prepared.get(key) or self._expressions.prepared.get(key)
         return self._remembers and found is not None and found.key is not None
@@ -155,7 +155,7 @@ class Answers:
             return point.valid_time, until, answer
 
     def query(self, items: Sequence[Question], at: TimeLike | None = None) -> QueryResult:
-        """Whether each of several items is true at a time, on one snapshot of the store."""
+        """Return whether each of several items is true at a time, on one snapshot of the store."""
         reader = self._reader
         with reader.repository() as repository:
             point = self._resolver.resolve(repository, at)

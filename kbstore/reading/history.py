@@ -25,7 +25,7 @@ BATCH = 256
 
 
 class Standing(NamedTuple):
-    """What was on record at a time: the last transaction until then, the time, and the assertions that matter."""
+    """The record at a time: the last transaction until then, the time, and the assertions that matter."""
 
     number: int
     time: int
@@ -100,7 +100,7 @@ class History:
         raise refusal
 
     def standing(self, since: int | None, most: int | None = None) -> "Standing":
-        """What was on record at a time and matters from then on, so that the changes after it tell the rest.
+        """Return the record at a time as far as it matters from then on; the changes after it contain the rest.
 
         Args:
             since: the time; None: the begin of the history that is kept, as for a time before it.
@@ -327,7 +327,7 @@ def _overlaps(row: RecordedAssertion, first: int) -> bool:
 
 
 def _matters(row: RecordedAssertion, first: int, last: int) -> bool:
-    """Whether a row holds after a time, or was changed after the last transaction until then."""
+    """Return whether a row holds after a time, or was changed after the last transaction until then."""
     gone = row.cancelled or row.superseded or 0
     return max(gone, row.ended or 0) > last or (not gone and row.end_time > first)
 

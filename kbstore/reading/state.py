@@ -321,7 +321,7 @@ class State(Result):
         )
 
     def _lanes(self) -> list[Lane]:
-        """What runs, is scheduled and holds, as lanes of a small timeline: what changed last comes first."""
+        """Return what runs, is scheduled and holds, as lanes of a small timeline, the latest changes first."""
         lanes = [
             Lane(
                 f"({' '.join((run.operator, *run.arguments))})",

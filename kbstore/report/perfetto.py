@@ -101,7 +101,7 @@ class _Trace:
                     yield self._counter(each.end_time, place, str(item.atom), end_value(each))
 
     def names(self) -> Iterator[str]:
-        """What the processes and threads are called, and their order: that in which they were met."""
+        """Yield the names of processes and threads, in the order of their first events."""
         for pid, name in self._processes.values():
             yield self._named("process_name", (pid, 0), name=name)
             yield self._named("process_sort_index", (pid, 0), sort_index=pid)

@@ -20,7 +20,7 @@ Row = tuple[Cell, ...]
 
 
 class Kind(StrEnum):
-    """What the cells of a column are; a `TIME` is nanoseconds since 1970."""
+    """The kind of a column's cells; a `TIME` is nanoseconds since 1970."""
 
     TEXT = "text"
     INTEGER = "integer"

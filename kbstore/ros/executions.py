@@ -17,7 +17,7 @@ from kbstore.reading.state import State
 from kbstore.writing.unit_of_work import OpenTransaction
 
 SLACK = 2 * SECOND
-"""How far the reports of one execution may be apart: `action_execution_info` is published once a second."""
+"""The most time between reports of one execution: `action_execution_info` is published once a second."""
 
 SAME_CLOCK = 86_400 * SECOND
 """Stamps that are further from the time of their message than this come from another clock, such as a simulator's."""

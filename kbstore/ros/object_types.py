@@ -24,7 +24,7 @@ class ObjectTypes:
         self._types[key(name)] = type_name
 
     def knows(self, name: str) -> bool:
-        """Whether the type of an object is given or inferred, or the object is a constant."""
+        """Return whether the type of an object is given or inferred, or the object is a constant."""
         return key(name) in self._types or self._domain.constant_spelling(name) is not None
 
     def observe(self, symbol: Signature | Action, arguments: Iterable[str]) -> None:

@@ -256,7 +256,7 @@ def _arguments(node: Any) -> list[str]:
 
 
 def _is_empty(tree: Any) -> bool:
-    """Whether a tree says nothing: it has no nodes, or its root should have parts and has none."""
+    """Return whether a tree says nothing: it has no nodes, or its root should have parts and has none."""
     nodes = tree.nodes
     return not nodes or (nodes[0].node_type in _WITH_PARTS and not nodes[0].children)
 

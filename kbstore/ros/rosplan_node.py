@@ -17,7 +17,7 @@ NAME = "rosplan_knowledge_base"
 """The node's name, unless ``__name:=`` gives another: the one that ROSPlan's own nodes expect."""
 
 QUEUE = 100
-"""How many messages of its topic wait for a slow subscriber."""
+"""The number of messages that wait for a slow subscriber."""
 
 _MESSAGES = ("rosplan_knowledge_msgs.msg", "rosplan_knowledge_msgs.srv", "diagnostic_msgs.msg", "std_srvs.srv")
 

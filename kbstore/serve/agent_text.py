@@ -50,7 +50,7 @@ def vocabulary(domain: Domain | None) -> str:
 
 
 def state_text(shown: Selection) -> str:
-    """What is selected of a state, in parts without the empty ones."""
+    """Return a selection of a state as text, in parts without the empty ones."""
     state = shown.state
     scheduled = [f"{item} at {isoformat(item.initial_time)}" for item in shown.timed_knowledge]
     found: list[tuple[str, Sequence[str]]] = [
@@ -144,7 +144,7 @@ def applicability_text(action: str, answer: Applicability) -> str:
 
 
 def recorded_text(done: Transaction) -> str:
-    """What a transaction came to."""
+    """Return the result of a transaction as text."""
     if not done.changes:
         return f"nothing changed: it is known already, or does not hold; the latest transaction is tx{done.number}"
     return f"recorded as tx{done.number} at {isoformat(done.time)}: {plural(done.changes, 'change')}"

@@ -229,7 +229,7 @@ class Served(_Answer):
 
 
 class Shape(Generic[T]):
-    """How answers of one kind become JSON."""
+    """The conversion of one kind of answers to JSON."""
 
     def __init__(self, kind: Any) -> None:
         self.kind = kind

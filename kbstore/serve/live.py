@@ -1,4 +1,4 @@
-"""What arrives while one looks: changes, and the page of the timeline, by server-sent events."""
+"""Server-sent events: changes, and updates of the timeline's page."""
 
 import asyncio
 import html
@@ -27,7 +27,7 @@ HEARTBEAT = 1.0
 """Seconds after which a page is told the time, and a stream that it still lives."""
 
 MOST_SHOWN = 5000
-"""How many transactions the page shows, if no span is asked for: the latest."""
+"""The number of transactions, the latest, that the page shows if no span is asked for."""
 
 Patterns = Annotated[list[str] | None, Query(max_length=100)]
 LastEvent = Annotated[str | None, Header(alias="Last-Event-ID", max_length=20, include_in_schema=False)]
@@ -111,7 +111,7 @@ async def timeline_stream(
     since: Since = None,
     last_event: LastEvent = None,
 ) -> StreamingResponse:
-    """What the page has to change, as it happens; all of it for a page that was away."""
+    """Yield the updates of a page as they happen; for a page that was away, all of its data."""
     watch = await kb.watch(poll=POLL)
     return _stream(
         _patches(store, kb, watch, lambda plain: _data(plain, pattern, since), None if last_event else known)

@@ -1,4 +1,4 @@
-"""What a request may ask for: the knowledge base, times, beliefs, knowledge."""
+"""Parameters of requests: the knowledge base, times, beliefs, knowledge."""
 
 import re
 from typing import Annotated

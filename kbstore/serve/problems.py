@@ -50,7 +50,7 @@ RESPONSES: dict[int | str, dict[str, Any]] = {
     status: {"description": what, "content": {MEDIA_TYPE: {"schema": {"$ref": "#/components/schemas/Problem"}}}}
     for status, what in (("4XX", "The request cannot be answered."), ("5XX", "The store cannot be asked now."))
 }
-"""What every operation may answer instead."""
+"""The problem responses of every operation."""
 
 
 class Refused(Exception):

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 Found = TypeVar("Found")
 
 MOST_WATCHES = 100
-"""How many streams are followed at once."""
+"""The most streams that are followed at once."""
 
 
 class Store:

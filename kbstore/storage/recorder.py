@@ -127,7 +127,7 @@ class Recorder:
         self._change_rates(changes)
 
     def _change_rates(self, changes: RowChanges) -> None:
-        """What does not lie ahead any more as it was derived."""
+        """Write the derived assertions that changed, or are not ahead any more."""
         connection, kb = self._connection, self._kb
         if changes.underived:
             underived = [(kb, row.recorded_tx, row.seq) for row in changes.underived]

@@ -1,4 +1,4 @@
-"""What a database has of kbstore's schema, compared with what the migrations make.
+"""The objects of kbstore's schema in a database, compared with those that the migrations make.
 
 A store may come from elsewhere: a trigger would run with whoever writes, a view with whoever reads, and without an
 index no answer comes in time. On SQLite the statements that made the schema are compared by a hash, in one query; only
@@ -36,7 +36,7 @@ VIEWS = (
 _NAMES = frozenset((*tables.metadata.tables, *VIEWS, VERSION_TABLE))
 
 _HASH = "f95045630206cf85b9eff0e2b03d3778d90ae424326570af3781bdc3eab2bbee"
-"""Of the statements that the migrations leave in an SQLite file."""
+"""The hash of the statements that the migrations leave in an SQLite file."""
 
 
 def statements_hash(connection: sa.Connection) -> str:
@@ -46,7 +46,7 @@ def statements_hash(connection: sa.Connection) -> str:
 
 
 def is_as_migrated(connection: sa.Connection) -> bool:
-    """Whether an SQLite file has, to the letter, the schema that the migrations make."""
+    """Return whether an SQLite file has, to the letter, the schema that the migrations make."""
     return statements_hash(connection) == _HASH
 
 
@@ -56,7 +56,7 @@ def _of_sqlite(connection: sa.Connection) -> list[Any]:
 
 
 def in_sqlite(connection: sa.Connection) -> set[str]:
-    """What an SQLite file has of kbstore's schema, each in a phrase."""
+    """Return the objects of kbstore's schema in an SQLite file, each in a phrase."""
     return set(_phrases(connection))
 
 
@@ -125,13 +125,13 @@ _CATALOGUE = sa.text(
 
 
 def in_postgresql(connection: sa.Connection, schema: str | None) -> set[str]:
-    """What a PostgreSQL database has of kbstore's schema, each in a phrase."""
+    """Return the objects of kbstore's schema in a PostgreSQL database, each in a phrase."""
     place = VERSION_TABLE if schema is None else f"{_quoted(schema)}.{VERSION_TABLE}"
     return set(connection.execute(_CATALOGUE, {"place": place, "names": sorted(_NAMES)}).scalars())
 
 
 def for_postgresql() -> set[str]:
-    """What the migrations make on PostgreSQL, each in a phrase."""
+    """Return the objects that the migrations make on PostgreSQL, each in a phrase."""
     return set(_declared())
 
 
@@ -166,7 +166,7 @@ def _quoted(schema: str) -> str:
 
 
 def differences(found: set[str], expected: set[str]) -> str:
-    """What is missing and what is too much, in words; empty where nothing is."""
+    """Return what is missing and what is too much, in words; empty if nothing is."""
     missing, more = sorted(expected - found), sorted(found - expected)
     parts = [f"it lacks {_listed(missing)}"] if missing else []
     parts += [f"it has {_listed(more)}"] if more else []

@@ -32,7 +32,7 @@ MOST = 5000
 
 @dataclass(frozen=True, slots=True)
 class Archived(Result):
-    """What archiving did: the archive, where the store's history begins now, and how many rows were deleted there."""
+    """The result of archiving: the archive, the new beginning of the store's history, and the rows deleted there."""
 
     path: Path
     history_from: int

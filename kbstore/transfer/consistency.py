@@ -1,4 +1,4 @@
-"""Whether the rows of an import fit each other, as the rows of every store do: asked of the scratch file, in SQL.
+"""Checks that the rows of an import fit each other, as in every store: asked of the scratch file, in SQL.
 
 Each rule is a condition that no row of a store fulfils, with the end of the sentence that refuses one that does. All
 rules about one table are one statement. What had been archived away before `history_from` is not missed.
@@ -20,7 +20,7 @@ from kbstore.storage.tables import Revision
 from kbstore.transfer.scratch import Scratch
 
 Rule = tuple[Any, str]
-"""What must not be, and what is wrong then, as the end of a sentence that begins with the line."""
+"""Contradictions to look for, each with the end of the sentence that begins with its line."""
 
 _T, _GONE = parameter("since"), parameter("gone")
 
@@ -38,7 +38,7 @@ class Contradiction(NamedTuple):
 
 
 def contradictions(scratch: Scratch, since: int, gone: int) -> Iterator[Contradiction]:
-    """What contradicts itself, the first of each table and kind.
+    """Yield the contradictions, the first of each table and kind.
 
     `since` is from when on the history is there, `gone` the last transaction before that time.
     """
@@ -59,7 +59,7 @@ def contradictions(scratch: Scratch, since: int, gone: int) -> Iterator[Contradi
 
 
 def _same(left: Any, right: Any, *names: str) -> Any:
-    """Whether two tables have the same in some columns, or in columns of other names: ``left=right``."""
+    """Return the condition that two tables are equal in some columns, or in columns of other names: ``left=right``."""
     pairs = [name.split("=") * 2 for name in ("kb_id", *names)]
     return and_(*(left.c[pair[0]] == right.c[pair[1]] for pair in pairs))
 

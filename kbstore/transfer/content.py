@@ -1,4 +1,4 @@
-"""Whether the timelines of an import say what could have been told: names, domains, texts, types, and derived ends.
+"""Checks that an import contains what could have been recorded: names, domains, texts, types, derived ends.
 
 Timelines are read one after another, with their rows in the order of time. An end that no transaction made follows
 from what is there (rules V1, C9): it is derived again, and compared.
@@ -35,14 +35,14 @@ _KINDS: Mapping[Role, frozenset[KnowledgeType]] = {
     Role.CONSTRAINT: frozenset((KnowledgeType.EXPRESSION,)),
     Role.LOAD: frozenset((KnowledgeType.EXPRESSION,)),
 }
-"""What can be told in which role."""
+"""The knowledge types of each role."""
 
 _ATOMS = (KnowledgeType.FACT, KnowledgeType.FUNCTION)
 
 _TABLES = {kind: table.name for kind, table in tables.assertion_tables.items()}
 
 _LIFESPANS = 100_000
-"""How many objects are held in memory with the times in which they exist."""
+"""The number of objects whose lifespans are held in memory."""
 
 
 class Version(NamedTuple):
@@ -65,7 +65,7 @@ class _Row(NamedTuple):
 
 
 class _Wrong(Exception):
-    """What is wrong with a row, or with a timeline where there is no row."""
+    """The fault of a row, or of a timeline where there is no row."""
 
     def __init__(self, sentence: str, row: _Row | None = None) -> None:
         super().__init__(sentence)
@@ -82,7 +82,7 @@ class Content:
         self.existences = lru_cache(maxsize=_LIFESPANS)(self._existences)
 
     def contradictions(self) -> Iterator[Contradiction]:
-        """What no store would have taken, in the order of the tables."""
+        """Yield what no store would have taken, in the order of the tables."""
         for check in (self._domains, self._symbols, self._timelines, self._runs):
             yield from check()
 
@@ -180,7 +180,7 @@ class Content:
         raise _Wrong(f"has an end that nothing makes; {expected} follows from the other lines", row)
 
     def _was_followed(self, timeline: Timeline, row: _Row) -> bool:
-        """Whether what made a row end has been taken away by late knowledge, or was a run (rule O5)."""
+        """Return whether what made a row end has been taken away by late knowledge, or was a run (rule O5)."""
         if any(self._scratch.rows(queries.began_and_retired[timeline.kind], timeline=timeline.id, t=row.end)):
             return True
         if any(
@@ -194,7 +194,7 @@ class Content:
     # -- domains ----------------------------------------------------------------------------------------------
 
     def _check_symbols(self, timeline: Timeline, row: _Row) -> None:
-        """What holds fits each version of the domain that is in force while it does (rule D4)."""
+        """Check that a row fits each version of the domain that is in force while it holds (rule D4)."""
         for place, version in enumerate(self._versions):
             until = self._versions[place + 1].time if place + 1 < len(self._versions) else OPEN
             t = max(row.start, version.time, self._since)
@@ -288,7 +288,7 @@ _MOST_ARGUMENTS = 1000
 
 
 def _check_spelling(timeline: Timeline, stored: str) -> None:
-    """What a timeline is about, as PDDL: its key is that of its spelling, and its names can be names."""
+    """Check a timeline's PDDL: its key is that of its spelling, and its names can be names."""
     if stored_key(key(timeline.spelling)) != stored:
         raise _Wrong("has a spelling that is not that of its key")
     sentence = None
@@ -332,7 +332,7 @@ def _check_value(timeline: Timeline, row: _Row) -> None:
 
 
 def _formula_problem(timeline: Timeline, optimization: str, text: str) -> str | None:
-    """What is wrong with the text of a metric, a goal or a constraint."""
+    """Return what is wrong with the text of a metric, a goal or a constraint; None if nothing."""
     if timeline.role is Role.STATE:
         fits = optimization in ("minimize", "maximize") and expression_text(parse_expression(text)) == text
         return None if fits else f"is not a metric: {optimization!r:.80}, {text!r:.80}"

@@ -1,4 +1,4 @@
-"""What some transactions of a knowledge base did, as rows of its store, and how a copy takes them over.
+"""Deltas: what some transactions of a knowledge base did, as rows, and how a copy takes them over.
 
 The rows are read on one snapshot: those that the transactions recorded, and older ones that they changed. If the store
 has gone on since, each row is taken as it was after the last of these transactions.
@@ -37,7 +37,7 @@ class Span(NamedTuple):
 
 
 class Delta:
-    """What the transactions of a span did, on a snapshot of their store.
+    """The work of the transactions of a span, on a snapshot of their store.
 
     Attributes:
         source: reads the rows.
@@ -69,7 +69,7 @@ class Delta:
 
     @property
     def rows(self) -> int:
-        """How many rows have been written."""
+        """The number of rows that have been written."""
         return self._rows
 
     def _head(self, source: str) -> Head:

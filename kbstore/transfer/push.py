@@ -43,7 +43,7 @@ _NOWHERE = Head(0, 0, 0, 0, 0, 0, 0, 0, 0, None)
 
 @dataclass(frozen=True, slots=True)
 class Pushed(Result):
-    """What a push did.
+    """The result of a push.
 
     Attributes:
         name: the knowledge base, by its name in the target.
@@ -146,7 +146,7 @@ class Push:
     # -- what is refused --------------------------------------------------------------------------------------
 
     def _stands(self) -> Head:
-        """Where the target stands."""
+        """Return the head of the target."""
         with self._target.read() as session:
             found = directory.find(session, self._name)
             if found is None:

@@ -1,4 +1,4 @@
-"""What a line of an export is believed, on its own and after the lines before it.
+"""Checks of a line of an export, on its own and after the lines before it.
 
 Rows come in the order of their keys, refer only to what earlier lines have, and fit what the first line says of the
 whole. What takes other rows to judge is judged in `kbstore.transfer.consistency` and `kbstore.transfer.content`.
@@ -83,7 +83,7 @@ class RowChecks:
         return record
 
     def end(self) -> None:
-        """What the first line says, and the lines do not."""
+        """Check the lines against what the first line announces."""
         head = self._head
         number, time, timeline = (head[name] for name in ("last_number", "last_time", "last_timeline"))
         last = self._transactions[-1] if self._transactions else 0
@@ -202,12 +202,12 @@ class RowChecks:
 
 
 def is_text(value: object) -> bool:
-    """Whether it is text that every database takes: no halves of characters, no NUL."""
+    """Return whether it is text that every database takes: no halves of characters, no NUL."""
     return type(value) is str and unstorable(value) is None
 
 
 def is_list_of_texts(text: str) -> bool:
-    """Whether it is JSON of a list of texts."""
+    """Return whether it is JSON of a list of texts."""
     try:
         found = json.loads(text)
     except (ValueError, RecursionError):
@@ -216,7 +216,7 @@ def is_list_of_texts(text: str) -> bool:
 
 
 def _expected(column: TransferColumn) -> str:
-    """What a column takes, in words."""
+    """Return the values that a column takes, in words."""
     choices = _CHOICES.get(column.name)
     if choices is not None:
         return f"one of {', '.join(map(repr, sorted(choices, key=str)))}"

@@ -63,7 +63,7 @@ assertions = {kind: _assertions(table) for kind, table in tables.assertion_table
 """The rows of :timeline, by time."""
 
 emptied = {kind: _emptied(table) for kind, table in tables.assertion_tables.items()}
-"""When something on :timeline ended as it began."""
+"""The times at which something on :timeline ended as it began."""
 
 
 def _began_and_retired(table: Table) -> Statement:
@@ -73,7 +73,7 @@ def _began_and_retired(table: Table) -> Statement:
 
 
 began_and_retired = {kind: _began_and_retired(table) for kind, table in tables.assertion_tables.items()}
-"""What began at :t on :timeline, and is not known any more."""
+"""The rows that began at :t on :timeline, and are not known any more."""
 
 
 def _of_object() -> Any:
@@ -94,7 +94,7 @@ existences = Statement(
     .where(_of_object(), _instances.retired_tx.is_(None), _instances.is_negative.is_(False))
     .order_by(_instances.initial_time)
 )
-"""When the object :key exists, and of what type."""
+"""The lifespans of the object :key, with its types."""
 
 ended_and_retired = Statement(
     select(_instances.seq)

@@ -1,4 +1,4 @@
-"""How numbers are to move ahead in a copy that has been brought to a transaction that is not its source's last.
+"""Derived rates ahead, for a copy that has been brought to a transaction that is not its source's last.
 
 What is derived for later times (rule O5) is deleted and derived again by later transactions, and of an earlier one it
 is not stored any more. The copy derives it as the source did.

@@ -15,7 +15,7 @@ from kbstore.storage.repository import Repository
 
 
 class PastRates:
-    """What runs added to the rates of functions, computed again from what was believed when it happened.
+    """Rates that runs added to functions, computed again from what was believed when it happened.
 
     `versions` are those of the domain, each with the time from which on it is in force.
     """

@@ -27,6 +27,9 @@ def test_what_is_told_late_holds_since_then(told):
     assert told("holds", DOOR, "--at", ten, "--as-of", ten, "--now", NOON).code == 0
     assert told("holds", DOOR, "--at", ten, "--as-of", f"tx{number - 1}", "--now", NOON).code == 0
     assert told("holds", DOOR, "--at", ten, "--as-of", f"tx{number}", "--now", NOON).code == 1
+    assert told("find", DOOR, "--at", ten, "--as-of", f"tx{number - 1}", "--now", NOON).code == 0
+    assert told("find", DOOR, "--at", ten, "--as-of", f"tx{number}", "--now", NOON).code == 1
+    assert told("runs", "--as-of", "tx1", "--now", NOON, "--json").json == []
     assert (
         told("when", DOOR, "--since", EIGHT, "--now", NOON, "--json").out
         != told("when", DOOR, "--since", EIGHT, "--now", NOON, "--as-of", ten, "--json").out

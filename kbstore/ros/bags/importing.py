@@ -24,7 +24,7 @@ Source = str | os.PathLike[str] | None
 
 @dataclass(frozen=True)
 class Imported(Result):
-    """What an import came to: the knowledge base, how many messages of each topic, what was recorded, and when."""
+    """The result of an import: the knowledge base, the messages of each topic, what was recorded, and when."""
 
     name: str
     messages: Counter[str] = field(default_factory=Counter)
@@ -171,7 +171,7 @@ class _Recorder:
             self._plansys2.actions_hub(message, time)
 
     def _has_started(self, time: int) -> bool:
-        """Whether an import before has recorded a start since then."""
+        """Return whether an import before has recorded a start since then."""
         return time <= self._since and any(run.started >= time for run in self._kb.runs(since=time))
 
 

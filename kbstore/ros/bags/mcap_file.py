@@ -55,7 +55,7 @@ class Event:
 
 @dataclass(frozen=True)
 class Exported(Result):
-    """What was written: how many messages of how many topics, and of which times; None where there are none."""
+    """The result of an export: the numbers of messages and topics, and their times; None where there are none."""
 
     messages: int
     topics: int
@@ -200,7 +200,7 @@ class _Record:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Span:
-    """What holds on a topic from `start` until `end`; None: to the end of the record."""
+    """The value of a topic from `start` until `end`; None: to the end of the record."""
 
     topic: str
     start: int

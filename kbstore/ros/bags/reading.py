@@ -76,7 +76,7 @@ class Bag:
 
     @property
     def count(self) -> int:
-        """How many messages these topics have."""
+        """The number of messages of these topics."""
         return sum(found.msgcount for found in self._reader.connections if found.topic in self.topics)
 
     def messages(self) -> Iterator[Recorded]:
@@ -122,7 +122,7 @@ def opened(path: str | os.PathLike[str]) -> Iterator[Bag]:
 
 
 def _kind(connection: Any) -> str:
-    """What a topic says, empty for what does not matter."""
+    """Return the kind of a topic, empty for one that does not matter."""
     if connection.msgtype == "std_msgs/msg/String" and connection.topic.rpartition("/")[2] == PROBLEM:
         return "problem"
     return KINDS.get(connection.msgtype, "")

@@ -37,7 +37,7 @@ class RosplanMirror:
         self._domain = kb.domain
         self._dispatched: dict[tuple[int, int], Any] = {}
         self._number = 0
-        """How many messages have been taken."""
+        """The number of messages that have been taken."""
         noted = _NUMBERED.match(before.note) if before else None
         self._recorded = int(noted[1]) if noted else 0
 
