@@ -276,17 +276,18 @@ running_as_of = Statement(
     )
 )
 
-runs_between = Statement(
-    _run_columns.where(
-        _runs.initial_time < parameter("until"),
-        sa.or_(
-            _runs.end_time > parameter("since"),
-            # one of no length
-            and_(_runs.end_time == _runs.initial_time, _runs.initial_time >= parameter("since")),
-        ),
-    ).order_by(_runs.initial_time, _runs.number)
+run_from = Statement(
+    select(_runs.number, _runs.initial_time)
+    .where(_runs.kb_id == KB, _runs.number >= parameter("number"))
+    .order_by(_runs.number)
+    .limit(constant(1))
 )
-"""The runs that meet [:since, :until), in the order of their starts."""
+"""The first run of :number or later, and when it started: numbers rise with the starts, and may have gaps."""
+
+runs_numbered = Statement(
+    _run_columns.where(_runs.number >= parameter("first"), _runs.number < parameter("end")).order_by(_runs.number)
+)
+"""The runs from :first on and before :end."""
 
 run_numbered = Statement(_run_columns.where(_runs.number == parameter("number")))
 

@@ -398,8 +398,21 @@ class Repository:
 
     def runs_between(self, since: int, until: int) -> list[RunRow]:
         """The runs that meet ``[since, until)``, in the order of their starts."""
-        span = {"kb": self._kb, "since": since, "until": until}
-        return [_run(row) for row in self._connection.all(queries.runs_between, span)]
+        before = [run for run in self.running(LogPosition(since)) if run.started < min(since, until)]
+        span = {"kb": self._kb, "first": self._first_run_from(since), "end": self._first_run_from(until)}
+        return before + [_run(row) for row in self._connection.all(queries.runs_numbered, span)]
+
+    def _first_run_from(self, t: int) -> int:
+        """The number of the first run that starts at `t` or later, found by bisection: numbers rise with starts."""
+        first, end = 1, self.head().last_run + 1
+        while first < end:
+            middle = (first + end) // 2
+            found = self._connection.first(queries.run_from, {"kb": self._kb, "number": middle})
+            if found is None or found[1] >= t:
+                end = middle
+            else:
+                first = found[0] + 1
+        return first
 
     def run(self, number: int) -> RunRow | None:
         """The run with a number; None if there is none."""

@@ -333,3 +333,29 @@ def test_an_end_never_fails_by_what_has_been_archived(kb, clock, tmp_path):
     assert [(broken.since, broken.until) for broken in kb.runs()[0].broken] == expected
     with pytest.raises(kbstore.HistoryUnavailable):
         kb.broken(run)
+
+
+def test_runs_of_any_span_are_those_that_meet_it(plant, clock):
+    """Q8: `[started, ended)` meets the span, or it has no length and starts in it; whatever ran before or after."""
+    for turn in range(30):
+        at(clock, turn)
+        for pump in ("p", "q"):
+            running = [run for run in plant.state().running if run.arguments == (pump,)]
+            if running and (turn + (pump == "q")) % 3:
+                plant.abort(running[0])
+            if not running:
+                run = plant.start("free" if turn % 5 == 0 else "go", pump)
+                if turn % 10 == 0:
+                    plant.abort(run)
+    every = plant.runs()
+    assert len(every) > 20
+    assert any(run.started == run.ended for run in every)
+    for since in range(-1, 32, 3):
+        for length in (0, 1, 2, 7, 40):
+            first, last = START + seconds(since), START + seconds(since + length)
+            expected = [
+                run.number
+                for run in every
+                if run.started < last and (run.ended is None or run.ended > first or run.started == run.ended >= first)
+            ]
+            assert [run.number for run in plant.runs(since=first, until=last)] == expected, (since, length)

@@ -29,6 +29,7 @@ VALUES = {
     "upto": 502,
     "first": T,
     "last": T + SPAN // 1000,
+    "end": T + SPAN // 1000,
     "since": T,
     "until": T + SPAN // 100,
     "timeline": TIMELINE,
@@ -120,8 +121,8 @@ def sqlite(request, long_sqlite):
     return long_sqlite
 
 
-# runs that ended at one moment, or met a span, are looked for among all, which are few
-@pytest.mark.parametrize("name", [name for name in READING if name not in ("running_as_of", "runs_between")])
+# runs that ended at one moment are looked for among all, which are few
+@pytest.mark.parametrize("name", [name for name in READING if name != "running_as_of"])
 def test_nothing_is_gone_through_on_sqlite(sqlite, name):
     """No question scans a table, or all rows of a knowledge base, or puts a Bloom filter over a join."""
     plan = sqlite_plan(sqlite, questions(ALL)[name])
@@ -232,7 +233,7 @@ def test_large_tables_are_read_by_indexes_on_postgresql(long_postgresql, name):
     assert not [step for step in plan if f"Seq Scan on {table}" in step]
 
 
-@pytest.mark.parametrize("name", [name for name in READING if name not in ("running_as_of", "runs_between")])
+@pytest.mark.parametrize("name", [name for name in READING if name != "running_as_of"])
 def test_the_plan_for_an_empty_table_holds_when_it_is_full_on_postgresql(young_postgresql, name):
     """Nothing that is planned while a table is empty goes through all of a knowledge base later."""
     if young_postgresql.info.server_version < 160000:
