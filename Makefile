@@ -79,6 +79,6 @@ bench: .venv/bench
 	@touch $@
 
 # PlanSys2's messages, generated and compiled once (one to three minutes).
-.venv-ros/messages: .venv-ros/ready tests/ros/plansys2_build.py $(wildcard tests/ros/plansys2_msgs/*/*)
+.venv-ros/messages: tests/ros/plansys2_build.py $(wildcard tests/ros/plansys2_msgs/*/*) | .venv-ros/ready
 	@AMENT_PREFIX_PATH=$(CURDIR)/.venv-ros .venv-ros/bin/python tests/ros/plansys2_build.py
 	@touch $@

@@ -12,7 +12,8 @@ import rclpy
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from rclpy.callback_groups import ReentrantCallbackGroup
-from rclpy.executors import MultiThreadedExecutor
+
+from kbstore.ros.ros2_node import quick_executor, spin
 
 KBSTORE = sys.executable, "-c", "from kbstore.cli import main; main()"
 PATIENCE = 60
@@ -36,16 +37,16 @@ def until(is_so, limit=PATIENCE):
 def graph(name="tester"):
     """A node of this process, which is spun in a thread; it ends before ROS does."""
     rclpy.init()
-    node = rclpy.create_node(name)
-    executor = MultiThreadedExecutor(num_threads=4)
+    node, executor, is_over = rclpy.create_node(name), quick_executor(), threading.Event()
     executor.add_node(node)
-    thread = threading.Thread(target=executor.spin)
+    thread = threading.Thread(target=spin, args=[executor, is_over.is_set])
     thread.start()
     try:
         yield Tester(node)
     finally:
-        executor.shutdown()
+        is_over.set()
         thread.join()
+        executor.shutdown()
         node.destroy_node()
         rclpy.shutdown()
 
@@ -125,8 +126,6 @@ def empty_service(kind, name):
 def serve_nothing(kind, name):
     """Answer a service of PlanSys2 with an empty response, until interrupted."""
     from plansys2_msgs import srv
-
-    from kbstore.ros.ros2_node import quick_executor, spin
 
     rclpy.init()
     node = rclpy.create_node("nothing")
