@@ -35,6 +35,9 @@ ANSWER = 1.0
 SETTLED = 0.05
 """Seconds after `update_notify` within which a `Knowledge` makes a question about functions needless."""
 
+HISTORY = 0.3
+"""Seconds without another `Knowledge` after which the first one is the latest: who comes late gets older ones first."""
+
 FATAL = (ClockJumped, ClockWentBackwards)
 """What no later message can mend."""
 
@@ -92,7 +95,9 @@ class Recorder:
         self._is_stopping = False
         self._told = ""
         self._instances: frozenset[str] = frozenset()
-        latched = QoSProfile(depth=DEPTH, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        self._is_latest = False
+        self._snapshots = 0
+        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         for topic, kind, quality, handler in (
             ("problem_expert/knowledge", msg.Knowledge, latched, "knowledge"),
             ("problem_expert/update_notify", Empty, DEPTH, "notify"),
@@ -111,6 +116,7 @@ class Recorder:
                 if kind in ("knowledge", "notify"):
                     # only the latest counts, in its own place
                     self._waiting = deque(entry for entry in self._waiting if entry[0] not in (kind, "notify"))
+                self._snapshots += kind == "knowledge"
                 self._waiting.append((kind, message, self._time.now()))
                 self._ready.notify()
 
@@ -145,7 +151,12 @@ class Recorder:
             if not self._is_stopping and len(self._waiting) == 1 and self._waiting[0][0] == "notify":
                 # a Knowledge that follows has the news
                 self._ready.wait_for(lambda: len(self._waiting) > 1 or self._is_stopping, SETTLED)
+            while not self._is_stopping and not self._is_latest and self._waiting[0][0] == "knowledge":
+                self._is_latest = not self._ready.wait_for(self._is_newer(self._snapshots), HISTORY)
             return None if self._is_stopping else self._waiting.popleft()
+
+    def _is_newer(self, before: int) -> Callable[[], bool]:
+        return lambda: self._snapshots > before or self._is_stopping
 
     def _open_mirror(self) -> Mirror | None:
         """Wait until the domain is known; None where `stop` comes first."""
