@@ -14,11 +14,10 @@ from kbstore.interop.plans import Happening, execute
 from tests.acceptance import validator
 from tests.acceptance.conftest import BEGIN, load
 from tests.acceptance.random_plans import walk
-from tests.acceptance.random_problems import WORLDS
 
 
 @pytest.mark.parametrize("seed", range(3))
-@pytest.mark.parametrize("world", WORLDS)
+@pytest.mark.parametrize("world", ["lights", "jugs", "cranes"])
 def test_any_moment_is_read_by_the_planner(kb: KnowledgeBase, clock: ManualClock, world: str, seed: int):
     """P2: the problem as of any moment in the past, with what ran then, is one that Kairos can read."""
     load(kb, world, seed)
