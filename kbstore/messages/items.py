@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, TypeAdapter, ValidationError, field_validator, model_validator
 
 from kbstore.clock import TimeLike, isoformat, time
-from kbstore.errors import InvalidKnowledge, one_line
+from kbstore.errors import InvalidKnowledge
 from kbstore.messages.base import Message, format_number, lazy, typed_error
 from kbstore.messages.enums import AssignOp, KnowledgeType
 from kbstore.messages.formulas import DomainInequality, ExprComposite, KeyValue, Values
@@ -46,7 +46,8 @@ class _Item(Message):
         """The item in PDDL without its sign."""
 
     def __str__(self) -> str:
-        return one_line(f"(not {self.text})" if self.is_negative else self.text)
+        # no name in PDDL has a line break; one in a message must not break the line of a log
+        return (f"(not {self.text})" if self.is_negative else self.text).replace("\n", r"\n")
 
 
 class Instance(_Item):

@@ -3,7 +3,7 @@
 import re
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from kbstore.errors import KbStoreError
@@ -111,6 +111,7 @@ TEXTS = (
 
 @settings(max_examples=250, deadline=None)
 @given(TEXTS, st.booleans())
+@example("\x08", False)
 def test_items(text, has_domain):
     """A mutated item is read or refused; what is read can be written and asked."""
     domain = DOMAIN if has_domain else None
