@@ -50,6 +50,11 @@ def _cpu_time(arguments: list[str], environment: Mapping[str, str]) -> float:
     """Seconds of CPU that a Python program takes, its start included."""
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     command = [sys.executable, "-c", *arguments]
-    subprocess.run(command, env={**os.environ, **environment}, stdout=subprocess.DEVNULL, check=False)
+    subprocess.run(command, env={**_environment(), **environment}, stdout=subprocess.DEVNULL, check=False)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+
+def _environment() -> dict[str, str]:
+    """Ours, but bytecode may be written: kbstore would be compiled each time, where pip has compiled the libraries."""
+    return {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}

@@ -1,5 +1,6 @@
 """Groups of commands, each of which is imported when it is called."""
 
+import gc
 from importlib import import_module
 from inspect import cleandoc
 from typing import Any
@@ -31,6 +32,8 @@ class LazyGroup(TyperGroup):
 def _imported(name: str, place: str) -> Any:
     module, _, function = place.partition(".")
     called = getattr(import_module(f"kbstore.cli.{module}"), function)
+    gc.freeze()
+    gc.enable()
     # keep the lines of examples; let diff take a relative time like -5m, which looks like an option
     help_text = cleandoc(called.__doc__ or "").replace("Examples:\n", "\b\nExamples:\n")
     single = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
