@@ -135,6 +135,8 @@ async def _patches(
         data = await store.read(kb, shown)
         if data["latest"] != known:
             yield _event("data", as_json(data), data["latest"])
+        else:
+            yield _event("now", str(data["now"]))
         while True:
             try:
                 change = await asyncio.wait_for(anext(watch), HEARTBEAT)

@@ -142,8 +142,10 @@ def test_the_page_is_told_what_has_changed(store):
         data = json.loads(text.partition('<script id="data" type="application/json">')[2].partition("</script>")[0])
         assert data["latest"] == 1
         with client.stream("GET", f"/{data['stream']}") as answer:
+            following = events(answer.iter_lines())
+            assert next(following)["event"] == "now"  # the page is up to date, and told of what comes
             told = kb.add("(q)", note="new")
-            found = next(event for event in events(answer.iter_lines()) if event["event"] == "patch")
+            found = next(event for event in following if event["event"] == "patch")
             patch = json.loads(found["data"])
             assert patch["latest"] == told.number
             length, [[index, transaction]] = patch["transactions"]
