@@ -97,6 +97,8 @@ def export(
     _refuse_what_does_not_apply(
         form, pattern=pattern, of=of, at=at, since=since, until=until, as_of=as_of, domain=domain
     )
+    if form is Format.PARQUET and output is None and sys.stdout.isatty():
+        raise InvalidKnowledge("parquet is not for a terminal to show; name a file with --output FILE")
     with asked(url, kb, now) as found:
         t, believed = at_time(at, found), belief(as_of, found)
         everything = form is Format.JSONL or (form is Format.JSON and t is None and believed is None)

@@ -47,7 +47,13 @@ def test_a_terminal_gets_colours_and_folded_lines(environment):
     assert max(map(len, plain.splitlines())) <= 80
 
 
-def on_a_terminal(*arguments, environment, rows=25):
+def test_a_terminal_gets_no_parquet(environment):
+    """It is binary, and a terminal would obey it: a file has to be named."""
+    text = on_a_terminal("export", "--format", "parquet", environment=environment, code=2)
+    assert text.splitlines() == ["kbstore: parquet is not for a terminal to show; name a file with --output FILE"]
+
+
+def on_a_terminal(*arguments, environment, rows=25, code=0):
     """What a terminal of 80 columns shows of a command."""
     leader, follower = pty.openpty()
     size = {"COLUMNS": "80", "LINES": str(rows)}
@@ -62,7 +68,7 @@ def on_a_terminal(*arguments, environment, rows=25):
                 shown += os.read(leader, 65536)
             except OSError:
                 break
-        assert process.wait() == 0
+        assert process.wait() == code
     os.close(leader)
     return shown.decode()
 
