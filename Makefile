@@ -2,13 +2,22 @@ PYTHON ?= python3
 BIN := .venv/bin
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --editable
 
-.PHONY: demo test test-browser test-ros test-ros1 test-ros2 lint bench
+.PHONY: demo test pgbouncer test-browser test-ros test-ros1 test-ros2 lint bench
 
 demo: .venv/runtime
 	$(BIN)/python -m kbstore.cli.demo
 
-test: .venv/dev
+test: .venv/dev pgbouncer
 	$(BIN)/python -m pytest -n auto
+
+# PgBouncer comes from Debian's package, which root can install where it is not started as a service, too; where it is
+# not there, a line says so.
+HAS_PGBOUNCER := PATH="$$PATH:/usr/sbin" command -v pgbouncer >/dev/null
+
+pgbouncer:
+	@$(HAS_PGBOUNCER) || [ "$$(id -u)" != 0 ] || [ -d /run/systemd/system ] || ! command -v apt-get >/dev/null || \
+	  { apt-get update -q && apt-get install -q -y --no-install-recommends pgbouncer; } >/dev/null || true
+	@$(HAS_PGBOUNCER) || echo "Poolers are tested by a double alone: install pgbouncer."
 
 # Chromium comes from the system's packages, which root can install; where it is not there, a line says so.
 test-browser: .venv/browser

@@ -17,6 +17,7 @@ class Server:
     """A connection to the server, which clients use in turn; where the startup answered is kept for them."""
 
     def __init__(self, address, startup):
+        self.startup = startup
         self.socket = socket.socket(socket.AF_UNIX)
         self.socket.connect(address)
         self.socket.sendall(startup)
@@ -27,6 +28,23 @@ class Server:
             self.greeting += message
             if kind == b"Z":
                 break
+        self._begun = b""
+
+    def arrived(self):
+        """The messages of which the rest has arrived, when something has.
+
+        Never waits for the rest of one: the server sends whatever fills its buffer, and keeps what is left until it is
+        asked to be ready, which the client may not have said yet.
+        """
+        more = self.socket.recv(1 << 16)
+        if not more:
+            raise EOFError
+        data, at, messages = self._begun + more, 0, []
+        while len(data) >= at + 5 and len(data) >= (end := at + 1 + struct.unpack_from("!I", data, at + 1)[0]):
+            messages.append(data[at:end])
+            at = end
+        self._begun = data[at:]
+        return messages
 
 
 def exactly(source, count):
@@ -70,7 +88,7 @@ class Pooler:
         with suppress(OSError):
             while True:
                 client, _ = self._listener.accept()
-                # rows are passed on one by one, and each would wait for the one before to be acknowledged
+                # what is passed on would wait for what came before it to be acknowledged
                 client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
                 threading.Thread(target=self._serve, args=(client,), daemon=True).start()
 
@@ -94,10 +112,11 @@ class Pooler:
                 with self._lock:
                     self._turn += 1
                     self.transactions += 1
-                    self._transaction(client, self._servers[self._turn % self._count].socket, first)
+                    self._transaction(client, self._turn % self._count, first)
 
-    def _transaction(self, client, server, message):
-        """All that is said until the server is idle again; whoever leaves in the middle is rolled back."""
+    def _transaction(self, client, place, message):
+        """All that is said until the server is idle again; the server of who leaves in the middle is not used again."""
+        server = self._servers[place]
         # the server answers each query and each sync by being ready
         waiting = 0
         try:
@@ -105,21 +124,21 @@ class Pooler:
                 kind, data = message
                 if kind == b"X":
                     raise EOFError
-                server.sendall(data)
+                server.socket.sendall(data)
                 waiting += kind in (b"Q", b"S")
-                while client not in (ready := select.select([client, server], (), ())[0]) or server in ready:
-                    kind, data = read(server)
-                    client.sendall(data)
-                    waiting -= kind == b"Z"
-                    self.trips += kind == b"Z"
-                    if kind == b"Z" and not waiting and data[5:6] == _IDLE:
+                while server.socket in select.select([client, server.socket], (), ())[0]:
+                    messages = server.arrived()
+                    ends = [message for message in messages if message[:1] == b"Z"]
+                    waiting -= len(ends)
+                    # before the client knows, which may look at it
+                    self.trips += len(ends)
+                    client.sendall(b"".join(messages))
+                    if ends and not waiting and ends[-1][5:6] == _IDLE:
                         return
                 message = read(client)
         except (EOFError, OSError):
-            query = b"ROLLBACK\0"
-            server.sendall(b"Q" + struct.pack("!I", len(query) + 4) + query)
-            while waiting >= 0:
-                waiting -= read(server)[0] == b"Z"
+            server.socket.close()
+            self._servers[place] = Server(self._address, server.startup)
             raise
 
     @contextmanager

@@ -1,6 +1,7 @@
 """Behind a pooler in transaction mode no client's settings reach another: a test double everywhere, PgBouncer too."""
 
 import os
+import select
 import shutil
 import signal
 import subprocess
@@ -72,13 +73,16 @@ def pooled_url(request, empty_database):
         yield url
 
 
+def driver_url(url):
+    """The same for psycopg."""
+    direct = sa.make_url(url).set(drivername="postgresql").difference_update_query(["prepare_threshold"])
+    return direct.render_as_string(hide_password=False)
+
+
 def session_settings(url):
     """What a new client finds set, on each of the server's connections."""
-    dsn = sa.make_url(url).set(drivername="postgresql").difference_update_query(["prepare_threshold"])
     found = set()
-    with psycopg.connect(
-        dsn.render_as_string(hide_password=False), autocommit=True, prepare_threshold=None
-    ) as connection:
+    with psycopg.connect(driver_url(url), autocommit=True, prepare_threshold=None) as connection:
         for _ in range(4):
             row = connection.execute(
                 "SELECT current_setting('default_transaction_read_only'), current_setting('synchronous_commit'),"
@@ -131,6 +135,30 @@ def test_a_day_behind_a_pooler(pooled_url):
         assert len(kb.history("(open hall)")) == 12
         assert len(list(kb.changes())) == 26
         assert kb.state() is not None
+
+
+def test_an_answer_that_begins_before_all_has_been_asked(postgresql_url):
+    """The double passes on what fills the server's buffer, also where the client has yet to ask for the rest."""
+    if not server_is_ours(postgresql_url):
+        pytest.skip("the server is not in this file system")
+    with pooled(postgresql_url) as (url, _), psycopg.connect(driver_url(url), autocommit=True) as connection:
+        link = connection.pgconn
+        link.enter_pipeline_mode()
+        link.send_query_params(b"SELECT repeat('x', 100) FROM generate_series(1, 500)", [])
+        link.flush()
+        # the server's buffer has 8 kB, and ends within a row
+        time.sleep(0.1)
+        link.pipeline_sync()
+        link.flush()
+        answers = []
+        while len(answers) < 3:
+            while link.is_busy():
+                assert select.select([link.socket], (), (), 10)[0], "the double passes nothing on any more"
+                link.consume_input()
+            answers.append(link.get_result())
+        link.exit_pipeline_mode()
+        # each query's answer is followed by None, and the last by that of the sync
+        assert [len(answers[0].get_value(row, 0)) for row in range(answers[0].ntuples)] == [100] * 500
 
 
 def test_a_state_takes_two_trips_to_the_server(postgresql_url):
