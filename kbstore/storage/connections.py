@@ -141,15 +141,15 @@ class Connections(ABC):
 class ThreadConnections(Connections):
     """The connections of an SQLite engine of kbstore's own: one for each thread, for as long as the thread lives.
 
-    What a thread that is gone has left is closed when another thread opens its own. A store in memory has one
-    connection, which threads use in turn.
+    A new thread takes over what a thread that is gone has left, since SQLite reads the whole schema for each connection
+    (5 ms). A store in memory has one connection, which threads use in turn.
     """
 
     def __init__(self, engine: Engine, options: Options) -> None:
         super().__init__(engine, options)
         self._has_one = isinstance(engine.pool, StaticPool)
         self._one: SqliteConnection | None = None
-        self._threads: dict[StoreConnection, threading.Thread] = {}
+        self._threads: dict[Any, threading.Thread] = {}
         self._is_in_memory = False
 
     def checkout(self) -> SqliteConnection:
@@ -193,26 +193,7 @@ class ThreadConnections(Connections):
             if self._one is not None:
                 return self._one
             forks.refuse_unsafe()
-            try:
-                handle = self.engine.raw_connection()
-            except DBAPIError as error:
-                raise self.failure(error) from error
-            driver: Any = handle.driver_connection
-            driver.isolation_level = None
-            path = os.path.abspath(self.engine.url.database or "")
-            connection = SqliteConnection(driver, self._options, path=path)
-            connection.handle = handle
-            try:
-                connection.configure()
-                self.refuse_another_file(connection)
-                if connection.path is not None and not self._options.read_only:
-                    connection.use_write_ahead_log()
-            except BaseException:
-                handle.invalidate()
-                raise
-            self._is_in_memory = connection.path is None
-            self._drop_those_of_dead_threads()
-            self._open.add(connection)
+            connection = self._left_behind() or self._opened()
             if self._has_one:
                 self._one = connection
             else:
@@ -220,10 +201,40 @@ class ThreadConnections(Connections):
                 self._threads[connection] = threading.current_thread()
             return connection
 
-    def _drop_those_of_dead_threads(self) -> None:
+    def _opened(self) -> SqliteConnection:
+        """A new connection."""
+        try:
+            handle = self.engine.raw_connection()
+        except DBAPIError as error:
+            raise self.failure(error) from error
+        driver: Any = handle.driver_connection
+        driver.isolation_level = None
+        path = os.path.abspath(self.engine.url.database or "")
+        connection = SqliteConnection(driver, self._options, path=path)
+        connection.handle = handle
+        try:
+            connection.configure()
+            self.refuse_another_file(connection)
+            if connection.path is not None and not self._options.read_only:
+                connection.use_write_ahead_log()
+        except BaseException:
+            handle.invalidate()
+            raise
+        self._is_in_memory = connection.path is None
+        self._open.add(connection)
+        return connection
+
+    def _left_behind(self) -> SqliteConnection | None:
+        """A connection that a thread which is gone has left in good order, if any; the others are closed."""
+        found: SqliteConnection | None = None
         for connection, thread in list(self._threads.items()):
-            if not thread.is_alive():
+            if thread.is_alive():
+                continue
+            if found is None and not connection.uses and not connection.is_lost:
+                found = connection
+            else:
                 self._drop(connection)
+        return found
 
     def _drop_unused(self, connection: StoreConnection) -> bool:
         """Close a connection that nobody uses; False if somebody does, who is to do so when done."""

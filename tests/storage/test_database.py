@@ -339,6 +339,28 @@ def test_many_threads_need_no_larger_pool(path):
     kb.close()
 
 
+def test_a_thread_takes_over_what_one_that_is_gone_has_left(path):
+    """Opening a connection takes longer than most questions; one in the middle of something is not taken over."""
+    with kbstore.open(path) as kb:
+        kb.add("(raining)")
+        used = []
+
+        def ask():
+            assert kb.holds("(raining)")
+            used.append(kb._database._connections._local.connection)
+
+        def break_off():
+            used.append(kb._database._connections.checkout())
+
+        for work in (ask, ask, break_off, ask):
+            thread = threading.Thread(target=work)
+            thread.start()
+            thread.join()
+    first, second, third, fourth = used
+    assert first is second is third
+    assert fourth is not third
+
+
 def test_a_store_in_memory_may_be_the_callers(path):
     """An engine on a database in memory works, also in other threads, where its one connection may go there."""
     del path
