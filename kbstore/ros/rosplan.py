@@ -5,17 +5,18 @@ that nothing here needs ROS. `kbstore.ros.rosplan_node` puts it on a graph.
 """
 
 from collections.abc import Callable, Iterable
+from functools import lru_cache
 from typing import Any
 
 from kbstore.errors import InvalidKnowledge, KbStoreError, UnknownSymbol
 from kbstore.knowledge_base import KnowledgeBase
-from kbstore.messages import Condition, Expression, Fact, KnowledgeType, UpdateType, from_message
+from kbstore.messages import Condition, Expression, Fact, Function, KnowledgeType, Message, UpdateType, from_message
 from kbstore.messages.bulk import gc_paused
 from kbstore.model.results import Transaction
 from kbstore.model.symbols import SymbolTable
 from kbstore.names import key
 from kbstore.reading.state import State
-from kbstore.ros.ros1_messages import Make, filled, stamp, to_ros
+from kbstore.ros.ros1_messages import Make, stamp, to_ros
 
 SERVICES = {
     "domain/name": "GetDomainNameService",
@@ -40,13 +41,16 @@ SERVICES = {
 }
 """The type of each service, by its name below the node's."""
 
+MOST = 10_000
+"""The most messages that are remembered; 20 MB or so."""
+
 
 class RosplanServices:
     """Answers ROSPlan's services from a knowledge base, by `kbstore`'s rules.
 
     Args:
         kb: what is asked and changed.
-        make: makes the messages of the answers.
+        make: makes the messages of the answers, which must not be changed: those of items are made once.
         publish: takes the StatusUpdate that follows a call of ``update_array``.
         report: takes the reason, in words, where a response can only carry that it was no success.
     """
@@ -61,6 +65,7 @@ class RosplanServices:
     ) -> None:
         self._kb = kb
         self._make = make
+        self._remembered = lru_cache(MOST)(lambda message: to_ros(message, make))
         self._publish = publish
         self._report = report
 
@@ -99,17 +104,18 @@ class RosplanServices:
         response.operators = self._messages(operator.formula for operator in self._kb.domain.operators.values())
 
     def _domain_operator_details(self, request: Any, response: Any, _client: str) -> None:
-        filled(response.op, self._kb.domain.operator(request.name), self._make)
+        response.op = self._message(self._kb.domain.operator(request.name))
 
     def _domain_predicate_details(self, request: Any, response: Any, _client: str) -> None:
         domain = self._kb.domain
-        filled(response.predicate, domain.predicate(request.name), self._make)
+        response.predicate = self._message(domain.predicate(request.name))
         response.is_sensed = domain.is_sensed(request.name)
 
     # -- the state --------------------------------------------------------------------------------------------
 
     def _query_state(self, request: Any, response: Any, _client: str) -> None:
-        found = self._kb.query(*request.knowledge)
+        # as items, of which the same question is prepared once
+        found = self._kb.query(*map(from_message, request.knowledge))
         response.all_true, response.results = found.all_true, list(found.results)
         # as they were asked, for a caller that compares them with its question
         response.false_knowledge = [
@@ -154,7 +160,7 @@ class RosplanServices:
     def _state_metric(self, _request: Any, response: Any, _client: str) -> None:
         metric = self._kb.metric()
         if metric is not None:
-            filled(response.metric, metric, self._make)
+            response.metric = self._message(metric)
 
     # -- changes ----------------------------------------------------------------------------------------------
 
@@ -209,9 +215,13 @@ class RosplanServices:
         response.success = True
         return done
 
-    def _messages(self, found: Iterable[Any]) -> list[Any]:
+    def _message(self, found: Message) -> Any:
+        # a number seldom has the same value again
+        return to_ros(found, self._make) if isinstance(found, Function) else self._remembered(found)
+
+    def _messages(self, found: Iterable[Message]) -> list[Any]:
         with gc_paused():
-            return [to_ros(message, self._make) for message in found]
+            return [self._message(message) for message in found]
 
 
 def _update_of(kind: int, item: Any) -> tuple[int, Any]:

@@ -5,7 +5,9 @@ Needs rospy and the messages of ROSPlan (`rosplan_knowledge_msgs`), which a ROS 
 
 import gc
 import importlib
+import struct
 from collections.abc import Callable, Sequence
+from io import BytesIO
 from typing import Any
 
 import kbstore
@@ -18,6 +20,9 @@ NAME = "rosplan_knowledge_base"
 
 QUEUE = 100
 """The number of messages that wait for a slow subscriber."""
+
+ANSWER = "GetAttributeServiceResponse"
+"""The answer that has many items."""
 
 _MESSAGES = ("rosplan_knowledge_msgs.msg", "rosplan_knowledge_msgs.srv", "diagnostic_msgs.msg", "std_srvs.srv")
 
@@ -83,6 +88,7 @@ class _Types:
     def __init__(self, packages: Sequence[Any]) -> None:
         self._packages = packages
         self._found: dict[str, Any] = {}
+        self._found = {"KnowledgeItem": _item(self("KnowledgeItem")), ANSWER: _answer(self(ANSWER))}
 
     def __call__(self, name: str) -> Any:
         found = self._found.get(name)
@@ -93,6 +99,34 @@ class _Types:
 
     def make(self, name: str) -> Any:
         return self(name)()
+
+
+def _item(kind: Any) -> Any:
+    """A KnowledgeItem that is serialized once; it must not be changed after that."""
+
+    class Item(kind):  # type: ignore[misc]
+        serialized = b""
+
+        def serialize(self, buff: Any) -> None:
+            if not self.serialized:
+                own = BytesIO()
+                super().serialize(own)
+                self.serialized = own.getvalue()
+            buff.write(self.serialized)
+
+    return Item
+
+
+def _answer(kind: Any) -> Any:
+    """An answer of items that serializes them one by one; genpy's own writes all their fields again each time."""
+
+    class Answer(kind):  # type: ignore[misc]
+        def serialize(self, buff: Any) -> None:
+            buff.write(struct.pack("<I", len(self.attributes)))
+            for item in self.attributes:
+                item.serialize(buff)
+
+    return Answer
 
 
 def _serve(rospy: Any, kb: KnowledgeBase, types: _Types) -> None:

@@ -236,6 +236,26 @@ def test_propositions_and_functions(rosplan, clock):
     assert len(rosplan("state/functions").attributes) == 2
 
 
+def test_the_message_of_a_fact_is_made_once(rosplan, clock):
+    """What holds as before is the same message; with another time or sign it is another. Numbers are made each time."""
+
+    def ask(service):
+        (found,) = rosplan(service, predicate_name="").attributes
+        return found
+
+    first = ask("state/propositions")
+    assert ask("state/propositions") is first
+    rosplan.kb.remove("(at kenny hall)")
+    clock.set(START + 7)
+    rosplan.kb.add("(at kenny hall)")
+    assert (ask("state/propositions").initial_time.nsecs, first.initial_time.nsecs) == (7, 0)
+    rosplan.kb.add("(not (at kenny hall))")
+    assert (ask("state/propositions").is_negative, first.is_negative) == (True, False)
+    rosplan.kb.add("(= (battery kenny) 0)")
+    zero = ask("state/functions")
+    assert ask("state/functions") is not zero
+
+
 def test_a_predicate_is_no_function(rosplan):
     """ROSPlan asks for the values of a predicate and expects none, and the other way round."""
     assert rosplan("state/functions", predicate_name="linked").attributes == []

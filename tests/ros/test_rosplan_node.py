@@ -5,11 +5,13 @@ The messages are made by genpy from the definitions in this directory.
 
 import os
 import socket
+import statistics
 import subprocess
 import sys
 import threading
 import time
 from contextlib import contextmanager
+from io import BytesIO
 from pathlib import Path
 
 import pytest
@@ -370,6 +372,84 @@ def test_a_simulated_clock(graph, files, tmp_path):
         rospy.delete_param("/use_sim_time")
     with recorded(store) as kb:
         assert next(found.initial_time for found in kb.history("(busy kenny)")) == seconds(100) + 500_000_007
+
+
+@contextmanager
+def empty_service():
+    """A node of its own process that answers at once: what a call costs without an answer to find."""
+    code = (
+        "import rospy; from std_srvs.srv import Empty, EmptyResponse as Done; rospy.init_node('nothing'); "
+        "rospy.Service('nothing', Empty, lambda _: Done()); rospy.spin()"
+    )
+    process = subprocess.Popen([sys.executable, "-c", code])
+    try:
+        rospy.wait_for_service("/nothing", 30)
+        yield
+    finally:
+        process.terminate()
+        process.wait(30)
+
+
+def test_the_cost_of_a_call(graph, files, tmp_path, capsys):
+    """Printed, not judged: an ordinary call beside the same question in Python and an empty service call.
+
+    Of many items genpy's own part is printed, too: to write them, and to read them again.
+    """
+    from std_srvs.srv import Empty
+
+    def cost(*acts, number=100):
+        """The median of each in milliseconds, in turns."""
+        times = [[] for _ in acts]
+        for _ in range(number):
+            for act, found in zip(acts, times, strict=True):
+                begin = time.perf_counter()
+                act()
+                found.append(time.perf_counter() - begin)
+        return [statistics.median(found) * 1000 for found in times]
+
+    store = tmp_path / "robot.db"
+    at_hall = kbstore.item("(at kenny hall)")
+    with serving(store, *files, node=other.node), empty_service(), kbstore.open(store, "kenny") as kb:
+        kb.add(*(f"r{number} - robot" for number in range(100)), *(f"(busy r{number})" for number in range(100)))
+        nothing = rospy.ServiceProxy("/nothing", Empty)
+        many = other("state/propositions", predicate_name="busy")
+        found = {
+            name: cost(call, python, nothing)
+            for name, call, python in (
+                ("domain/predicates", lambda: other("domain/predicates"), lambda: kb.domain.predicates),
+                (
+                    "query_state",
+                    lambda: other("query_state", knowledge=[ITEMS.fact("at", AT_HALL)]),
+                    lambda: kb.query(at_hall),
+                ),
+                (
+                    "state/propositions, 100 facts",
+                    lambda: other("state/propositions", predicate_name="busy"),
+                    lambda: kb.propositions("busy"),
+                ),
+                (
+                    "update",
+                    lambda: other("update", update_type=ADD, knowledge=ITEMS.fact("at", AT_HALL)),
+                    lambda: kb.add(at_hall),
+                ),
+            )
+        }
+
+        def through_genpy():
+            buffer = BytesIO()
+            many.serialize(buffer)
+            type(many)().deserialize(buffer.getvalue())
+
+        (genpy,) = cost(through_genpy)
+    assert len(many.attributes) == 100
+    with capsys.disabled():
+        print()
+        for name, (call_, python, empty) in found.items():
+            print(
+                f"{name}: {call_:.2f} ms; in Python {python:.2f} ms, and an empty call {empty:.2f} ms: "
+                f"{call_ / (python + empty):.2f} times"
+            )
+        print(f"genpy takes {genpy:.2f} ms to write and read the 100 facts")
 
 
 def test_what_cannot_start_says_why(graph, tmp_path):
