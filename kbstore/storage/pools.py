@@ -18,7 +18,14 @@ from kbstore.storage.connection import LOG, Options, StoreConnection, inherited
 from kbstore.storage.connections import Connections
 from kbstore.storage.engine import make_engine
 from kbstore.storage.postgresql_connection import PostgresqlConnection
-from kbstore.storage.server_engine import connect_timeout, pool_size, refuse_bytes
+from kbstore.storage.server_engine import (
+    answer_timeout,
+    connect_timeout,
+    lend_patience,
+    pool_size,
+    refuse_bytes,
+    take_patience_back,
+)
 from kbstore.storage.sqlite_connection import SqliteConnection
 from kbstore.storage.statement_events import ObservedDriver, is_observed
 
@@ -256,6 +263,7 @@ class LentConnections(PooledConnections):
         return SqliteConnection(driver, self._options, lent=True, path=os.path.abspath(self.engine.url.database or ""))
 
     def _postgresql(self, driver: Any) -> StoreConnection:
+        lend_patience(driver, answer_timeout(self.engine.url, self._options.busy_timeout))
         return PostgresqlConnection(driver, self._options, self.engine.dialect.loaded_dbapi.Error)
 
     def _prepare(self, connection: SqliteConnection) -> None:
@@ -273,6 +281,8 @@ class LentConnections(PooledConnections):
     def _close(connection: StoreConnection) -> None:
         if isinstance(connection, SqliteConnection) and not connection.is_lost:
             connection.restore()
+        if isinstance(connection, PostgresqlConnection):
+            take_patience_back(connection.driver)
         if connection.is_lost:
             connection.handle.invalidate()
         connection.handle.close()

@@ -69,7 +69,7 @@ class PostgresqlConnection(StoreConnection):
         self._text = _plain if schema is None else lambda statement: qualified(_plain(statement), schema)
 
     def _wait(self, seconds: float | None) -> None:
-        """Give up when the server has said nothing for so long; on a driver of the caller's, that is the caller's."""
+        """Give up when the server has said nothing for so long; in a transaction of the caller's that is not done."""
         if self._patience is not None:
             self.driver.answer_timeout = seconds
 

@@ -95,38 +95,60 @@ def _number(url: URL, name: str, least: int, *, or_none: bool = True) -> int | N
     raise StoreUnavailable(f"{name}={text} in the URL of a store: it is {expected}")
 
 
+def lend_patience(driver: Any, seconds: float | None) -> None:
+    """Give a psycopg connection of the caller's the deadline that kbstore's own have, until `take_patience_back`."""
+
+    def wait(gen: Any, *arguments: Any, **named: Any) -> Any:
+        return type(driver).wait(driver, _watched(driver, gen), *arguments, **named)
+
+    if not hasattr(driver, "answer_timeout"):
+        driver.answer_timeout, driver.wait = seconds, wait
+
+
+def take_patience_back(driver: Any) -> None:
+    """Leave a connection of the caller's as it was before `lend_patience`."""
+    if vars(driver).pop("wait", None) is not None:
+        del driver.answer_timeout
+
+
+def _watched(driver: Any, gen: Any) -> Generator[Any, Any, Any]:
+    """One of psycopg's waits, which ends with an `OperationalError` when nothing has come for `answer_timeout`.
+
+    Silence counts, not the length of an answer: psycopg's wait is woken every 0.1 s that nothing came.
+    """
+    patience = driver.answer_timeout
+    if patience is None:
+        return (yield from gen)
+    try:
+        waits_for = next(gen)
+        deadline = 0.0
+        while True:
+            ready = yield waits_for
+            if ready:
+                deadline = 0.0
+            elif not deadline:
+                deadline = time.monotonic() + patience
+            elif time.monotonic() > deadline:
+                import psycopg
+
+                driver.close()
+                raise psycopg.OperationalError(f"the server has not answered for {patience:g} s")
+            waits_for = gen.send(ready)
+    except StopIteration as done:
+        return done.value
+
+
 @cache
 def _patient() -> Any:
     """A psycopg connection that gives a silent server up; made late, since psycopg is an extra."""
     import psycopg
 
     class PatientConnection(psycopg.Connection):
-        """Closes itself, with an `OperationalError`, when the server has said nothing for `answer_timeout` seconds.
-
-        Silence counts, not the length of an answer: psycopg's wait is woken every 0.1 s that nothing came.
-        """
+        """Closes itself when the server has said nothing for `answer_timeout` seconds."""
 
         answer_timeout: float | None = None
 
         def wait(self, gen: Any, *arguments: Any, **named: Any) -> Any:
-            patience = self.answer_timeout
-            return super().wait(gen if patience is None else self._watched(gen, patience), *arguments, **named)
-
-        def _watched(self, gen: Any, patience: float) -> Generator[Any, Any, Any]:
-            try:
-                waits_for = next(gen)
-                deadline = 0.0
-                while True:
-                    ready = yield waits_for
-                    if ready:
-                        deadline = 0.0
-                    elif not deadline:
-                        deadline = time.monotonic() + patience
-                    elif time.monotonic() > deadline:
-                        self.close()
-                        raise psycopg.OperationalError(f"the server has not answered for {patience:g} s")
-                    waits_for = gen.send(ready)
-            except StopIteration as done:
-                return done.value
+            return super().wait(gen if self.answer_timeout is None else _watched(self, gen), *arguments, **named)
 
     return PatientConnection
