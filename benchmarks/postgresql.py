@@ -26,6 +26,7 @@ from benchmarks.peers.temporal import Temporal
 from benchmarks.raw import Row, rows_of
 from benchmarks.report import Missing, Result
 from benchmarks.settings import Settings
+from benchmarks.views import HISTORIES, STATEMENTS, asking
 from kbstore import ManualClock, State
 from kbstore.clock import OPEN
 from kbstore.storage.interval_tree import OPEN_LEVEL, level
@@ -84,6 +85,7 @@ def _measure(settings: Settings, url: sa.URL) -> Iterator[Result]:
             clock = ManualClock(START + (history.size + 1) * STEP)
             with kbstore.open(url, shape, clock=clock) as kb:
                 yield _states(settings, raw, kb, history)
+                yield from _views(settings, url, history)
                 yield from _temporal(settings, raw, kb, history, clock)
                 if shape == UNIFORM:
                     yield from _points(settings, raw, kb, history)
@@ -135,6 +137,20 @@ def _temporal(
         yield Result("PostgreSQL: holds at t", beside, found["ours"], found["theirs"])
         found = side_by_side({"theirs": write, "ours": ours}, clock=WALL, seconds=settings.seconds / 2, minimum=50)
         yield Result("PostgreSQL: single durable write", beside, found["ours"], found["theirs"])
+
+
+def _views(settings: Settings, url: sa.URL, history: History) -> Iterator[Result]:
+    """As people ask: on a connection that has prepared nothing."""
+    with psycopg.connect(_raw_url(url), autocommit=True, prepare_threshold=None) as raw:
+        for shape, what, query in HISTORIES:
+            if shape == history.shape:
+                ask = asking(raw, query.format(name=shape))
+                found = side_by_side({"view": ask}, clock=WALL, seconds=settings.seconds / 2)
+                yield Result(f"PostgreSQL views: {what}, {history.size:,}", "20 ms", found["view"], 0.02, 1)
+        for shape, what, query in STATEMENTS:
+            if shape == history.shape:
+                lasting = once(asking(raw, query.format(name=shape)), WALL)
+                yield Result(f"PostgreSQL: {what}, {history.size:,}", "1 s", lasting, 1.0, 1)
 
 
 def _changes(settings: Settings, url: sa.URL) -> Result:

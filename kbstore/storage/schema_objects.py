@@ -35,7 +35,7 @@ VIEWS = (
 
 _NAMES = frozenset((*tables.metadata.tables, *VIEWS, VERSION_TABLE))
 
-_HASH = "f95045630206cf85b9eff0e2b03d3778d90ae424326570af3781bdc3eab2bbee"
+_HASH = "b38b9be36e733ff8583ba7f333441cf40301b0502ec6e7ffc53d48a91945380e"
 """The hash of the statements that the migrations leave in an SQLite file."""
 
 

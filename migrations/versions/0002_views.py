@@ -128,15 +128,16 @@ def history(table: str, own: Columns, role: int = STATE) -> str:
             f" WHEN f.end_time = {OPEN} THEN NULL WHEN {next_tx} IS NOT NULL THEN 'replaced' ELSE 'object' END"
         ),
         "recorded_tx": "coalesce(f.told_tx, f.recorded_tx)",
-        "recorded_time": iso("r.recorded_time"),
-        "recorded_client": "r.client",
-        "ended_tx": ender,
+        "recorded_time": f"CASE WHEN f.told_tx IS NULL THEN {iso('r.recorded_time')} ELSE {iso('p.recorded_time')} END",
+        "recorded_client": "CASE WHEN f.told_tx IS NULL THEN r.client ELSE p.client END",
+        # it is computed again only where that transaction has been archived
+        "ended_tx": f"coalesce(e.number, {ender})",
         "ended_client": "e.client",
         "cancelled_tx": f"CASE WHEN {is_cancelled} THEN f.retired_tx END",
         "cancelled_time": f"CASE WHEN {is_cancelled} THEN {iso('c.recorded_time')} END",
         "cancelled_client": f"CASE WHEN {is_cancelled} THEN c.client END",
         "superseded_tx": f"CASE WHEN f.level <> {EMPTY} THEN f.retired_tx END",
-        "known_from": iso("b.recorded_time"),
+        "known_from": iso("r.recorded_time"),
         "known_until": f"CASE WHEN f.level <> {EMPTY} THEN {iso('c.recorded_time')} END",
         "initial_ns": "f.initial_time",
         "end_ns": f"CASE WHEN f.end_time < {OPEN} THEN f.end_time END",
@@ -151,10 +152,11 @@ def history(table: str, own: Columns, role: int = STATE) -> str:
         f" CROSS JOIN timelines t{by_key} JOIN {table} f"
         f" ON t.kb_id = k.id AND t.role = {role} AND t.knowledge_type = {kind}"
         f" AND f.kb_id = k.id AND f.timeline_id = t.id AND f.retired_tx IS {retired}"
-        " LEFT JOIN transactions r ON r.kb_id = k.id AND r.number = coalesce(f.told_tx, f.recorded_tx)"
-        " LEFT JOIN transactions b ON b.kb_id = k.id AND b.number = f.recorded_tx"
-        f" LEFT JOIN transactions e ON e.kb_id = k.id AND e.number = {ender}"
-        " LEFT JOIN transactions c ON c.kb_id = k.id AND c.number = f.retired_tx"
+        " LEFT JOIN transactions r ON r.kb_id = f.kb_id AND r.number = f.recorded_tx"
+        # of a part that late knowledge left
+        " LEFT JOIN transactions p ON p.kb_id = f.kb_id AND p.number = f.told_tx"
+        f" LEFT JOIN transactions e ON e.kb_id = f.kb_id AND e.number = {ender}"
+        " LEFT JOIN transactions c ON c.kb_id = f.kb_id AND c.number = f.retired_tx"
         for retired in ("NULL", "NOT NULL")
     )
 
