@@ -1,5 +1,6 @@
 """What opening a database does about its schema."""
 
+import inspect
 import sqlite3
 
 import pytest
@@ -246,6 +247,16 @@ def test_a_schema_in_the_url(postgresql_url, tmp_path):
     assert kbstore.knowledge_bases(kbstore.backup(url, tmp_path / "copy.db")) == ["ken", "kenny"]
     with kbstore.open(url, "ken", read_only=True) as kb:
         assert kb.holds("(here)")
+    with kbstore.open("sqlite://", "robot") as robot:
+        robot.add("(there)")
+        assert kbstore.push(robot, url).number == 1
+    assert kbstore.knowledge_bases(url) == ["ken", "kenny", "robot"]
+    public = {name: getattr(kbstore, name) for name in kbstore.__all__}
+    assert {
+        name
+        for name, function in public.items()
+        if inspect.isfunction(function) and "url" in inspect.signature(function).parameters
+    } == {"open", "knowledge_bases", "backup", "export_knowledge_base", "import_knowledge_base", "push"}
     with pytest.raises(StoreUnavailable, match="schemas are PostgreSQL's"):
         kbstore.open(f"sqlite:///{tmp_path / 'file.db'}?schema=fleet")
     engine = sa.create_engine(postgresql_url)
