@@ -2,7 +2,7 @@
 
 A store may come from elsewhere: a trigger would run with whoever writes, a view with whoever reads, and without an
 index no answer comes in time. On SQLite the statements that made the schema are compared by a hash, in one query; only
-where that differs are columns, indexes and views compared one by one. On PostgreSQL the catalogue is asked. What is
+where that differs are columns, keys, indexes and views compared one by one. On PostgreSQL the catalogue is asked. What is
 beside kbstore's tables is nobody's business here.
 """
 
@@ -69,6 +69,9 @@ def _phrases(connection: sa.Connection) -> Iterator[str]:
             for _, column, type_name, required, default, key, hidden in columns:
                 more = f"{' NOT NULL' * required}{'' if default is None else f' DEFAULT {default}'}{' hidden' * hidden}"
                 yield f"column {name}.{column} {type_name}{more}{f' in place {key} of the key' if key else ''}"
+            references = connection.exec_driver_sql(f"SELECT * FROM pragma_foreign_key_list('{quoted}')")
+            for _, _, other, column, referred, _, on_delete, _ in references:
+                yield f"foreign key {name}.{column} to {other}.{referred} ON DELETE {on_delete}"
         elif kind == "index" and sql is not None:
             columns = connection.exec_driver_sql(
                 f"SELECT name, \"desc\", coll FROM pragma_index_xinfo('{quoted}') WHERE key"
@@ -96,8 +99,10 @@ _CATALOGUE = sa.text(
     FROM own
     UNION ALL
     SELECT 'column ' || o.relname || '.' || a.attname || ' ' || format_type(a.atttypid, a.atttypmod)
+      || CASE WHEN l.oid IS NULL THEN '' ELSE ' COLLATE "' || l.collname || '"' END
       || CASE WHEN a.attnotnull THEN ' NOT NULL' ELSE '' END || CASE WHEN a.atthasdef THEN ' DEFAULT' ELSE '' END
     FROM own o JOIN pg_attribute a ON a.attrelid = o.oid
+    LEFT JOIN pg_collation l ON l.oid = a.attcollation AND l.collname <> 'default'
     WHERE a.attnum > 0 AND NOT a.attisdropped AND o.relkind <> 'v'
     UNION ALL
     SELECT 'index ' || i.relname || ' ON ' || o.relname || ' ('
@@ -106,7 +111,14 @@ _CATALOGUE = sa.text(
           LEFT JOIN pg_attribute a ON a.attrelid = x.indrelid AND a.attnum = k.attnum AND k.attnum > 0)
       || ')' || CASE WHEN x.indisunique THEN ' UNIQUE' ELSE '' END
       || CASE WHEN x.indpred IS NULL THEN '' ELSE ' WHERE' END
+      || CASE WHEN x.indisvalid AND x.indimmediate THEN '' ELSE ' that is invalid or deferred' END
     FROM own o JOIN pg_index x ON x.indrelid = o.oid JOIN pg_class i ON i.oid = x.indexrelid
+    UNION ALL
+    SELECT CASE k.contype WHEN 'f' THEN 'foreign key ' ELSE 'constraint ' END || k.conname || ' of ' || o.relname
+      || CASE WHEN k.contype = 'f' THEN ' to ' || coalesce(f.relname, 'another table') ELSE '' END
+      || CASE WHEN k.confdeltype IN ('c', 'n', 'd') THEN ' that deletes or changes rows' ELSE '' END
+    FROM own o JOIN pg_constraint k ON k.conrelid = o.oid LEFT JOIN own f ON f.oid = k.confrelid
+    WHERE k.contype IN ('c', 'f', 'x')
     UNION ALL
     SELECT 'trigger ' || t.tgname || ' on ' || o.relname
     FROM own o JOIN pg_trigger t ON t.tgrelid = o.oid WHERE NOT t.tgisinternal
@@ -153,11 +165,13 @@ def _declared() -> Iterator[str]:
             partial = index.dialect_options["postgresql"]["where"] is not None
             more = " UNIQUE" * bool(index.unique) + " WHERE" * partial
             yield f"index {index.name} ON {table.name} ({', '.join(index.columns.keys())}){more}"
+        for reference in table.foreign_key_constraints:
+            yield f"foreign key {reference.name} of {table.name} to {reference.referred_table.name}"
 
 
 def _type(column: sa.Column[object]) -> str:
     name = column.type.compile(dialect=postgresql.dialect()).lower()  # type: ignore[no-untyped-call]
-    name = re.sub(" collate .*", "", name)
+    name = re.sub(" collate .*", ' COLLATE "C"', name)
     return re.sub("^varchar", "character varying", name)
 
 

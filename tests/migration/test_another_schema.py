@@ -30,6 +30,12 @@ POSTGRESQL = {
     "CREATE TRIGGER t BEFORE INSERT ON facts FOR EACH ROW EXECUTE FUNCTION f()": "it has trigger t on facts",
     "CREATE RULE r AS ON DELETE TO facts DO INSTEAD NOTHING": "it has rule r on facts",
     "ALTER TABLE functions ALTER COLUMN rate TYPE real": "functions.rate real",
+    'ALTER TABLE symbols ALTER COLUMN key TYPE text COLLATE "POSIX"': 'it has column symbols.key text COLLATE "POSIX"',
+    "ALTER TABLE facts ADD CHECK (seq < 5)": "it has constraint facts_seq_check of facts",
+    "ALTER TABLE facts DROP CONSTRAINT fk_facts_timelines": "it lacks foreign key fk_facts_timelines of facts",
+    "ALTER TABLE facts DROP CONSTRAINT fk_facts_timelines, ADD CONSTRAINT fk_facts_timelines FOREIGN KEY"
+    " (kb_id, timeline_id) REFERENCES timelines (kb_id, id) ON DELETE CASCADE": "facts to timelines that deletes",
+    "ALTER TABLE runs DROP CONSTRAINT pk_runs, ADD CONSTRAINT pk_runs PRIMARY KEY (kb_id, number) DEFERRABLE": "index pk_runs",
 }
 
 
@@ -73,7 +79,7 @@ def test_what_sqlite_would_run_is_refused(sqlite_file, statements):
 
 @pytest.mark.parametrize("statements", POSTGRESQL)
 def test_what_a_server_would_run_is_refused(empty_schema, statements):
-    """A trigger or a rule that is not kbstore's, and a column of another type."""
+    """A trigger, a rule or a constraint that is not kbstore's, and a column of another type or order."""
     engine = make_engine(empty_schema)
     kbstore.open(empty_schema).close()
     # a view keeps the type of its columns
@@ -125,6 +131,22 @@ def test_other_white_space_is_no_other_schema(sqlite_file):
     with engine.connect() as connection:
         assert not schema_objects.is_as_migrated(connection)
     kbstore.open(sqlite_file).close()
+    engine.dispose()
+
+
+def test_a_foreign_key_that_deletes_rows(sqlite_file):
+    """In an SQLite file, too, keys are compared with what they do."""
+    kbstore.open(sqlite_file).close()
+    engine = make_engine(sqlite_file)
+    with engine.connect() as connection:
+        connection.exec_driver_sql("PRAGMA writable_schema = ON")
+        connection.exec_driver_sql(
+            "UPDATE sqlite_master SET sql = replace(sql, 'timelines (kb_id, id)', 'timelines (kb_id, id) ON DELETE"
+            " CASCADE') WHERE name = 'facts'"
+        )
+        connection.commit()
+    with pytest.raises(SchemaUnknown, match="it has foreign key facts.* to timelines.* ON DELETE CASCADE"):
+        kbstore.open(sqlite_file)
     engine.dispose()
 
 
