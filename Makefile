@@ -32,7 +32,7 @@ test-ros: test-ros2 test-ros1
 # ROS 2 comes from the package index, for some versions of Python; where it cannot be installed, a line says why.
 test-ros2:
 	@log=$$(mktemp); if $(MAKE) --no-print-directory .venv-ros/messages >$$log 2>&1; then \
-	  rm $$log; .venv-ros/bin/python -m pytest tests/ros/test_plansys2_graph.py; \
+	  rm $$log; .venv-ros/bin/python -m pytest tests/ros/test_package.py tests/ros/test_plansys2_graph.py; \
 	else echo "PlanSys2's nodes are not tested on a graph of ROS 2, which cannot be installed here:"; tail -n 3 $$log; rm $$log; fi
 
 # ROS 1 comes from Debian's packages for Debian's own Python, which root can install; where it is not there, a line
@@ -84,7 +84,7 @@ bench: .venv/bench
 .venv-ros/ready: pyproject.toml
 	@$(PYTHON) -m venv .venv-ros
 	@.venv-ros/bin/python -m pip install --quiet --disable-pip-version-check --editable '.[postgresql]' pytest pytest-timeout \
-	  catkin-pkg 'ros-jazzy-rclpy[fastrtps]' ros-jazzy-std-msgs
+	  catkin-pkg colcon-ros 'ros-jazzy-rclpy[fastrtps]' ros-jazzy-std-msgs
 	@touch $@
 
 # PlanSys2's messages, generated and compiled once (one to three minutes).

@@ -4,6 +4,7 @@ Needs rclpy and PlanSys2's messages (`plansys2_msgs`), which a ROS 2 distributio
 """
 
 import threading
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -53,7 +54,7 @@ def run(url: str | None, kb: str | None, arguments: Sequence[str] = ()) -> None:
         rclpy.try_shutdown()
 
 
-class ExpertNode(LifecycleNode):  # type: ignore[misc]
+class ExpertNode(LifecycleNode, ABC):  # type: ignore[misc]
     """A lifecycle node that opens a knowledge base when it is configured, and answers an expert's services from it."""
 
     TYPES: dict[str, str]
@@ -130,9 +131,9 @@ class ExpertNode(LifecycleNode):  # type: ignore[misc]
             kb.load(joint_domain(self.text("model_file")), client=self.get_name(), note="model_file")
         return kb
 
+    @abstractmethod
     def _make(self, kb: KnowledgeBase) -> Expert:
         """The expert that answers from a knowledge base."""
-        raise NotImplementedError
 
 
 class DomainExpertNode(ExpertNode):

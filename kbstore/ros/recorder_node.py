@@ -85,7 +85,7 @@ class Recorder:
     def __init__(
         self, node: Any, kb: KnowledgeBase, clock: ManualClock, domain: str | None, problem: str | None
     ) -> None:
-        self.failure: KbStoreError | None = None
+        self.failure: Exception | None = None
         self._node, self._kb, self._clock = node, kb, clock
         self._domain, self._problem = domain, problem
         self._log = node.get_logger()
@@ -141,7 +141,8 @@ class Recorder:
                     raise
                 except KbStoreError as error:
                     self._tell(f"not recorded: {error}")
-        except KbStoreError as error:
+        except Exception as error:
+            # whatever it is: a recorder that does not record must not go on
             self.failure = error
         wake()
 
@@ -173,6 +174,7 @@ class Recorder:
                 return Mirror(self._kb, self._clock, domain=domain, problem=self._problem)
             except UnknownSymbol:
                 self._tell("waiting for domain_expert/get_domain; --domain names the domain without it")
+                time.sleep(SETTLED)
         return None
 
     def _record(self, mirror: Mirror, kind: str, message: Any, received: int) -> None:
@@ -204,10 +206,16 @@ class Recorder:
 
     def _ask(self, client: Any, request: Any, patience: float = 0.0) -> Any:
         """The answer of one of PlanSys2's experts; None where it is not there, refuses, or is slower than `ANSWER`."""
-        if not client.service_is_ready() and not (patience and client.wait_for_service(timeout_sec=patience)):
+        try:
+            if not client.service_is_ready() and not (patience and client.wait_for_service(timeout_sec=patience)):
+                return None
+            future = client.call_async(request)
+        except RuntimeError:
+            if rclpy.ok():
+                raise
+            # a signal has shut ROS down, and `stop` follows
             return None
         done = threading.Event()
-        future = client.call_async(request)
         future.add_done_callback(lambda _: done.set())
         if not done.wait(ANSWER) or not future.result().success:
             client.remove_pending_request(future)

@@ -1,7 +1,11 @@
 """The ROS 2 package `kbstore_ros`: what colcon, ros2 run and ros2 launch expect of it."""
 
 import ast
+import configparser
+import os
 import runpy
+import shutil
+import subprocess
 import sys
 import tomllib
 from pathlib import Path
@@ -60,3 +64,40 @@ def test_the_executables_pass_arguments_on(monkeypatch, arguments, command):
     monkeypatch.setattr(sys, "argv", ["record", *arguments])
     runpy.run_path(str(PACKAGE / "kbstore_ros" / "executables.py"))["record"]()
     assert called == [command]
+
+
+def test_the_executables_run_with_the_python_of_the_shell():
+    """Kbstore may be in a virtual environment, which colcon's own Python, whose path they would have, does not see."""
+    settings = configparser.ConfigParser()
+    settings.read(PACKAGE / "setup.cfg")
+    assert settings["build_scripts"]["executable"] == "/usr/bin/env python3"
+    assert settings["install"]["install_scripts"] == "$base/lib/kbstore_ros"
+
+
+def test_a_python_without_kbstore_is_told(monkeypatch):
+    """An executable says which Python has no kbstore, and what to do."""
+    monkeypatch.setitem(sys.modules, "kbstore.cli.app", None)
+    with pytest.raises(SystemExit, match=f"by {sys.executable}.* -m pip install kbstore"):
+        runpy.run_path(str(PACKAGE / "kbstore_ros" / "executables.py"))
+
+
+def test_colcon_builds_it(tmp_path):
+    """Built and installed by colcon, ROS finds the package and its launch files, and the executables run."""
+    pytest.importorskip("colcon_core", reason="colcon is not here: make test-ros2 brings it")
+    from ament_index_python import get_package_share_path
+
+    shutil.copytree(PACKAGE, tmp_path / "src" / "kbstore_ros")
+    colcon = [sys.executable, "-m", "colcon", "--log-base", os.devnull, "build"]
+    subprocess.run(colcon, cwd=tmp_path, check=True, capture_output=True, timeout=60)
+    prefix = tmp_path / "install" / "kbstore_ros"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("AMENT_PREFIX_PATH", str(prefix))
+        share = get_package_share_path("kbstore_ros")
+    assert {path.name for path in (share / "launch").iterdir()} == {"experts_launch.py", "record_launch.py"}
+    # as the setup files that colcon writes have it, in a shell with the Python that has kbstore
+    (library,) = prefix.glob("lib/python*/site-packages")
+    shell = {**os.environ, "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}", "PYTHONPATH": str(library)}
+    for name, usage in (("experts", "kbstore ros plansys2"), ("record", "kbstore ros record")):
+        command = [prefix / "lib" / "kbstore_ros" / name, "--help"]
+        done = subprocess.run(command, env=shell, check=True, capture_output=True, text=True, timeout=60)
+        assert usage in done.stdout

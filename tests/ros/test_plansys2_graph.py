@@ -17,6 +17,7 @@ os.environ["ROS_DOMAIN_ID"] = str(os.getpid() % 100 + 1)
 
 pytest.importorskip("rclpy", reason="ROS 2 is not here: make test-ros2 brings it")
 
+import rclpy
 from plansys2_msgs import msg, srv
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rosgraph_msgs.msg import Clock
@@ -26,6 +27,7 @@ import kbstore
 from kbstore.clock import ManualClock, seconds
 from kbstore.ros.plansys2_domain import DomainExpert
 from kbstore.ros.plansys2_problem import ProblemExpert
+from kbstore.ros.recorder_node import Recorder
 from tests.ros.plansys2_calls import text
 from tests.ros.plansys2_doubles import DOMAIN
 from tests.ros.ros2_graph import (
@@ -650,6 +652,31 @@ def test_a_simulation_that_starts_again_ends_the_recorder(tester, script, record
     with recorder() as process:
         assert process.wait(PATIENCE) == 2
     assert "clock" in log.read_text().splitlines()[-1]
+
+
+def test_a_recorder_that_waits_can_be_stopped(recorder, place):
+    """Interrupted while it waits for a domain, it has nothing to say."""
+    log = place / "recorder.log"
+    with recorder():
+        until(lambda: "waiting for domain_expert/get_domain" in log.read_text())
+    assert "Traceback" not in log.read_text()
+
+
+def test_a_recorder_that_cannot_go_on_ends(tester, place, monkeypatch):
+    """Whatever ends the recording ends the recorder: it must not seem to record."""
+
+    def broken(self):
+        raise ZeroDivisionError
+
+    monkeypatch.setattr(Recorder, "_open_mirror", broken)
+    node, woken = rclpy.create_node("short"), []
+    clock = ManualClock()
+    with opened(place, clock=clock) as kb:
+        found = Recorder(node, kb, clock, None, None)
+        found.work(lambda: woken.append(True))
+    node.destroy_node()
+    assert isinstance(found.failure, ZeroDivisionError)
+    assert woken
 
 
 def test_an_error_is_told_and_the_recorder_goes_on(script, recorder, place):

@@ -5,7 +5,13 @@ The store is named by the environment variables KBSTORE_URL and KBSTORE_KB, or b
 
 import sys
 
-from kbstore.cli.app import app
+try:
+    from kbstore.cli.app import app
+except ImportError as error:
+    raise SystemExit(
+        f"kbstore cannot be imported by {sys.executable} ({error}); install it there "
+        f"({sys.executable} -m pip install kbstore), or activate the virtual environment that has it"
+    ) from None
 
 
 def experts() -> None:
