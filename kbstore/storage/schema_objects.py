@@ -2,8 +2,8 @@
 
 A store may come from elsewhere: a trigger would run with whoever writes, a view with whoever reads, and without an
 index no answer comes in time. On SQLite the statements that made the schema are compared by a hash, in one query; only
-where that differs are columns, keys, indexes and views compared one by one. On PostgreSQL the catalogue is asked. What is
-beside kbstore's tables is nobody's business here.
+where that differs are columns, keys, indexes and views compared one by one. On PostgreSQL the catalogue is asked. What
+is beside kbstore's tables is nobody's business here.
 """
 
 import re

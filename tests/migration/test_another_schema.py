@@ -35,7 +35,8 @@ POSTGRESQL = {
     "ALTER TABLE facts DROP CONSTRAINT fk_facts_timelines": "it lacks foreign key fk_facts_timelines of facts",
     "ALTER TABLE facts DROP CONSTRAINT fk_facts_timelines, ADD CONSTRAINT fk_facts_timelines FOREIGN KEY"
     " (kb_id, timeline_id) REFERENCES timelines (kb_id, id) ON DELETE CASCADE": "facts to timelines that deletes",
-    "ALTER TABLE runs DROP CONSTRAINT pk_runs, ADD CONSTRAINT pk_runs PRIMARY KEY (kb_id, number) DEFERRABLE": "index pk_runs",
+    "ALTER TABLE runs DROP CONSTRAINT pk_runs, ADD CONSTRAINT pk_runs PRIMARY KEY (kb_id, number)"
+    " DEFERRABLE": "it has index pk_runs",
 }
 
 
@@ -145,7 +146,7 @@ def test_a_foreign_key_that_deletes_rows(sqlite_file):
             " CASCADE') WHERE name = 'facts'"
         )
         connection.commit()
-    with pytest.raises(SchemaUnknown, match="it has foreign key facts.* to timelines.* ON DELETE CASCADE"):
+    with pytest.raises(SchemaUnknown, match=r"it has foreign key facts.* to timelines.* ON DELETE CASCADE"):
         kbstore.open(sqlite_file)
     engine.dispose()
 
