@@ -6,14 +6,11 @@ a schema of its own are named with it, instead of setting a search path.
 """
 
 import json
-import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from functools import lru_cache
 from operator import attrgetter
 from typing import Any
 
-from kbstore.storage import tables
 from kbstore.storage.connection import Options, Parameters, SqlRow, StoreConnection
 from kbstore.storage.statements import Lookup, Statement
 
@@ -26,26 +23,6 @@ _DATABASE = "SELECT oid, pg_postmaster_start_time() FROM pg_database WHERE datna
 _READING = "BEGIN ISOLATION LEVEL REPEATABLE READ READ ONLY"
 
 _plain = attrgetter("postgresql")
-
-_BEFORE = r"(\b(?:FROM|JOIN|INTO|UPDATE|USING|ANALYZE)|,)(\s+)"
-_TABLE = re.compile(rf"{_BEFORE}({'|'.join(tables.metadata.tables)})\b(?![.(])")
-"""A table where it is named as such, and not before one of its columns."""
-
-
-def quoted(name: str) -> str:
-    """A name quoted for PostgreSQL."""
-    return '"' + name.replace('"', '""') + '"'
-
-
-@lru_cache(maxsize=4096)
-def qualified(text: str, schema: str) -> str:
-    """A statement for psycopg, on the tables of a schema."""
-    return _TABLE.sub(rf"\1\2{_escaped(schema)}.\3", text)
-
-
-def _escaped(schema: str) -> str:
-    # for the expression, and for psycopg, to which a percent sign begins a parameter
-    return quoted(schema).replace("\\", "\\\\").replace("%", "%%")
 
 
 class PostgresqlConnection(StoreConnection):
@@ -66,7 +43,7 @@ class PostgresqlConnection(StoreConnection):
         self.options = options
         self._wait(self._patience)
         schema = options.schema
-        self._text = _plain if schema is None else lambda statement: qualified(_plain(statement), schema)
+        self._text = _plain if schema is None else lambda statement: statement.in_schema(schema)
 
     def _wait(self, seconds: float | None) -> None:
         """Give up when the server has said nothing for so long; in a transaction of the caller's that is not done."""

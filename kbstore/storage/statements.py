@@ -54,13 +54,14 @@ class Statement:
         postgresql: the text for psycopg.
     """
 
-    __slots__ = ("_construct", "postgresql", "sqlite")
+    __slots__ = ("_construct", "_in_schemas", "postgresql", "sqlite")
 
     sqlite: str
     postgresql: str
 
     def __init__(self, construct: Construct) -> None:
         self._construct = construct
+        self._in_schemas: dict[str, str] = {}
 
     def __getattr__(self, name: str) -> str:
         # a slot that is not filled yet
@@ -70,8 +71,16 @@ class Statement:
         setattr(self, name, text)
         return text
 
-    def _compiled(self, dialect: str) -> Any:
-        return self._core(dialect).compile(dialect=_NAMED[dialect])
+    def in_schema(self, schema: str) -> str:
+        """The text for psycopg, on the tables of a schema."""
+        text = self._in_schemas.get(schema)
+        if text is None:
+            place = {"schema_translate_map": {None: schema}, "render_schema_translate": True}
+            text = self._in_schemas[schema] = str(self._compiled("postgresql", **place))
+        return text
+
+    def _compiled(self, dialect: str, **place: Any) -> Any:
+        return self._core(dialect).compile(dialect=_NAMED[dialect], **place)
 
     def _core(self, dialect: str) -> Any:
         made = self._construct
@@ -91,10 +100,10 @@ class Lookup(Statement):
         super().__init__(construct)
         self.names = names
 
-    def _compiled(self, dialect: str) -> Any:
+    def _compiled(self, dialect: str, **place: Any) -> Any:
         compiled = self._core(dialect).compile(dialect=_POSITIONAL[dialect])
         assert tuple(compiled.positiontup) == self.names
-        return compiled if dialect == "sqlite" else super()._compiled(dialect)
+        return compiled if dialect == "sqlite" else super()._compiled(dialect, **place)
 
 
 class Batch(Statement):
@@ -135,8 +144,8 @@ class Batch(Statement):
         which = sa.and_(*(table.c[column] == sa.bindparam(name) for column, name in key.items()))
         return cls(table.delete().where(which), *key.values())
 
-    def _compiled(self, dialect: str) -> Any:
-        compiled = self._core(dialect).compile(dialect=_POSITIONAL[dialect], column_keys=self.columns)
+    def _compiled(self, dialect: str, **place: Any) -> Any:
+        compiled = self._core(dialect).compile(dialect=_POSITIONAL[dialect], column_keys=self.columns, **place)
         assert tuple(compiled.positiontup) == self.columns
         return compiled
 
@@ -255,3 +264,15 @@ def _in_json(element: among, compiler: Any, **options: Any) -> str:
 def _is_any(element: among, compiler: Any, **options: Any) -> str:
     column, values = (compiler.process(part, **options) for part in (element.column, element.values))
     return f"{column} = ANY(CAST({values} AS {element.element}[]))"
+
+
+class vacuum(sa.ClauseElement):
+    """Giving the space of deleted rows of some tables back on PostgreSQL, which then knows their size, too."""
+
+    def __init__(self, *on: sa.Table) -> None:
+        self.tables = on
+
+
+@compiles(vacuum)
+def _vacuum(element: vacuum, compiler: Any, **options: Any) -> str:
+    return f"VACUUM ANALYZE {', '.join(compiler.process(table, asfrom=True, **options) for table in element.tables)}"

@@ -11,7 +11,7 @@ from sqlalchemy import BigInteger, Boolean, Double, Integer, SmallInteger, Table
 
 from kbstore.storage import tables
 from kbstore.storage.assertion_queries import HEAD_COLUMNS
-from kbstore.storage.statements import KB, Batch, Statement, among, constant, insert, parameter
+from kbstore.storage.statements import KB, Batch, Statement, among, constant, insert, parameter, vacuum
 
 _DERIVED: Final = ("level", "node")
 """Columns that say where the interval trees keep a row."""
@@ -239,11 +239,11 @@ def _delete_transactions() -> Any:
 delete_transactions = Statement(_delete_transactions())
 """The transactions after :after and up to :last that nothing refers to any more."""
 
-_vacuumed = ", ".join((*assertions, "transactions", "schedules", "revisions", "runs"))
+_vacuumed = (*tables.assertion_tables.values(), tables.transactions, tables.schedules, tables.revisions, tables.runs)
 
 reclaim = {
     "sqlite": (Statement(sa.text("VACUUM")), Statement(sa.text("PRAGMA wal_checkpoint(TRUNCATE)"))),
-    "postgresql": (Statement(sa.text(f"VACUUM ANALYZE {_vacuumed}")),),
+    "postgresql": (Statement(vacuum(*_vacuumed)),),
 }
 """Gives the space of deleted rows back: to the file system on SQLite, to the tables on PostgreSQL."""
 
