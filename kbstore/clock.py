@@ -41,7 +41,7 @@ class Ros2Stamp(Protocol):
 
     @property
     def nanosec(self) -> int:
-        """Nanoseconds beyond them."""
+        """Nanoseconds beyond the whole seconds."""
 
 
 class Ros1Stamp(Protocol):
@@ -53,7 +53,7 @@ class Ros1Stamp(Protocol):
 
     @property
     def nsecs(self) -> int:
-        """Nanoseconds beyond them."""
+        """Nanoseconds beyond the whole seconds."""
 
 
 class NanosecondStamp(Protocol):
@@ -61,7 +61,7 @@ class NanosecondStamp(Protocol):
 
     @property
     def nanoseconds(self) -> int:
-        """The whole of it in nanoseconds."""
+        """The whole time in nanoseconds."""
 
 
 Stamp = Ros2Stamp | Ros1Stamp | NanosecondStamp | Mapping[str, int]
@@ -119,11 +119,12 @@ class ManualClock:
 
 
 def seconds(x: int | float | str | Decimal) -> int:
-    """Nanoseconds from seconds.
+    """Convert seconds to nanoseconds.
 
-    A decimal number is exact; a float is taken as the decimal number that it prints as, so that
-    ``seconds(0.1)`` is 100,000,000. What is finer than a nanosecond is refused unless it comes as a float,
-    which is rounded.
+    A decimal number is exact; a float counts as the decimal number that it prints as, so that ``seconds(0.1)`` is
+    100,000,000, and is rounded to a nanosecond.
+
+    Raises `InvalidTime` for what is not a number, is out of range, or (unless a float) is finer than a nanosecond.
     """
     if isinstance(x, bool) or not isinstance(x, int | float | str | Decimal):
         raise InvalidTime(f"seconds() takes an int, Decimal, str or float, not {x!r}")
@@ -161,7 +162,7 @@ def time(x: TimeLike, now: int | None = None) -> int:
 
 
 def duration(x: DurationLike) -> int:
-    """A duration in nanoseconds from an ``int`` of nanoseconds, a ``timedelta`` or a duration stamp.
+    """Return a duration in nanoseconds, from an ``int`` of nanoseconds, a ``timedelta`` or a duration stamp.
 
     Raises `InvalidTime` for anything else and for negative durations.
     """
@@ -182,7 +183,7 @@ def duration(x: DurationLike) -> int:
 
 
 def isoformat(t: int) -> str:
-    """The time as ISO 8601 text in UTC, with all nine decimals that are not zero.
+    """Write a time in nanoseconds as ISO 8601 text in UTC, with up to nine decimals and no trailing zeros.
 
     >>> isoformat(1_500_000_000)
     '1970-01-01T00:00:01.5Z'

@@ -17,7 +17,7 @@ _FORBIDDEN = re.compile(
 
 
 def key(name: str) -> str:
-    """The form in which names are compared: case does not matter.
+    """Return the form in which names are compared: case does not matter.
 
     >>> key("Kenny")
     'kenny'
@@ -69,8 +69,7 @@ def matches(pattern: Sequence[str], names: Sequence[str]) -> bool:
 def problem(name: str) -> str | None:
     """Return what is wrong with a name, as the end of a sentence that begins with the name; None if nothing.
 
-    Accepts PDDL names, and what message-based clients send beyond them as long as PDDL text with it can be
-    read back.
+    Accepts PDDL names, and other names of message-based clients as long as PDDL text with them can be read back.
     """
     if _PLAIN.match(name) and len(name) <= MAX_LENGTH:
         return None
@@ -99,7 +98,7 @@ def check(name: str, what: str) -> None:
 
 
 def check_knowledge_base(name: str) -> None:
-    """Raise `InvalidKnowledge` if it cannot be the name of a knowledge base."""
+    """Raise `InvalidKnowledge` if `name` cannot be the name of a knowledge base."""
     if not isinstance(name, str) or not name.strip() or not name.isprintable():
         raise InvalidKnowledge(
             f"{name!r:.80} cannot be the name of a knowledge base; give printable text, like 'kenny'"
@@ -116,7 +115,7 @@ def unstorable(text: str) -> int | None:
 
 
 def check_text(text: str, what: str) -> None:
-    """Raise `InvalidKnowledge` if a text, like a note, cannot be stored, or not exported and imported again."""
+    """Raise `InvalidKnowledge` if `text`, which is a `what` ("note"), has a character that not every store takes."""
     place = unstorable(text)
     if place is not None:
         raise InvalidKnowledge(

@@ -1,4 +1,4 @@
-"""The base of all messages: frozen Pydantic models, and what a validation error of theirs is in kbstore's terms."""
+"""The base of all messages: frozen Pydantic models, and their validation errors as kbstore's."""
 
 from collections.abc import Callable, Iterable, Mapping
 from decimal import Decimal
@@ -12,7 +12,7 @@ from kbstore.errors import InvalidKnowledge, KbStoreError
 _Value = TypeVar("_Value")
 
 AS_LIST = WrapSerializer(lambda values, dump: list(dump(values)))
-"""A frozen field of several values, which `model_dump` gives as the list that a ROS message has."""
+"""Serializes a tuple, the frozen value of a field, as the list that a ROS message has."""
 
 
 class lazy(Generic[_Value]):
@@ -41,8 +41,8 @@ class lazy(Generic[_Value]):
 class Message(BaseModel):
     """A frozen Pydantic model with the field names of a ROS message.
 
-    A message that cannot be made is a `pydantic.ValidationError`, from the constructor and from `model_validate`
-    alike. Where kbstore reads a mapping or a ROS message itself, it raises `InvalidKnowledge` instead (`typed_error`).
+    The constructor and `model_validate` both raise `pydantic.ValidationError` for a message that is not valid. Where
+    kbstore reads a mapping or a ROS message itself, it raises `InvalidKnowledge` instead (`typed_error`).
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", ignored_types=(lazy,))
@@ -50,7 +50,7 @@ class Message(BaseModel):
     @model_validator(mode="before")
     @classmethod
     def _read_attributes(cls, data: Any) -> Any:
-        """A real ROS message is read by its attributes."""
+        """Read a real ROS message by its attributes."""
         if isinstance(data, Mapping | cls):
             return data
         return {name: getattr(data, name) for name in cls.model_fields if hasattr(data, name)} or data
@@ -85,19 +85,19 @@ class Message(BaseModel):
 
 @cache
 def _given(model: type[Message]) -> set[str]:
-    """All fields of a model: one set for all its trusted messages, which are frozen."""
+    """Return all fields of a model: one set for all its trusted messages, which are frozen."""
     return set(model.model_fields)
 
 
 def typed_error(name: str, error: ValidationError, depth: int = 0) -> KbStoreError:
     """Return kbstore's error for what Pydantic found wrong with a message, one sentence for each wrong field.
 
-    A time that is wrong is an `InvalidTime`, also where there is more.
+    For a wrong time it is an `InvalidTime`, even if other fields are wrong, too.
 
     Args:
-        name: what the message is called.
-        error: what its validation raised.
-        depth: how many parts of each location lead to the message, and are not named.
+        name: the message's name in the sentences.
+        error: the error that its validation raised.
+        depth: how many leading parts of each location to leave out, as they lead to the message.
     """
     sentences: list[str] = []
     for problem in error.errors(include_url=False):
@@ -114,7 +114,7 @@ def typed_error(name: str, error: ValidationError, depth: int = 0) -> KbStoreErr
 
 
 def format_number(number: float) -> str:
-    """The number in PDDL: exact when read back as a double, and without an exponent (rule P2).
+    """Write a number in PDDL: exact when read back as a double, and without an exponent (rule P2).
 
     >>> format_number(80.0), format_number(1e-7), format_number(-2.5)
     ('80', '0.0000001', '-2.5')

@@ -1,12 +1,13 @@
-"""Bulk work: what makes very many objects at once."""
+"""Pauses the cyclic garbage collector while many objects are made."""
 
 import gc
 
 
 class gc_paused:
-    """Bulk work makes many objects and no cycles; looking for cycles among them takes most of the time.
+    """Context manager that disables the cyclic garbage collector, and enables it again if it was enabled.
 
-    A class, as single transactions use it, too, and a generator would cost them more than it saves.
+    Bulk work makes many objects and no cycles, and would spend most of its time looking for cycles. This is a class,
+    as a generator would cost a single transaction more than the pause saves.
     """
 
     __slots__ = ("_was_enabled",)

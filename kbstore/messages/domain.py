@@ -1,4 +1,4 @@
-"""DomainOperator: an operator as the message describes it."""
+"""DomainOperator: an operator of the domain as a message."""
 
 from collections.abc import Iterable
 from typing import Annotated, Any
@@ -14,8 +14,8 @@ _DomainInequalities = Annotated[tuple[DomainInequality, ...], AS_LIST]
 class DomainOperator(Message):
     """An ungrounded operator of the domain.
 
-    The message carries simple conditions and effects only; what it cannot carry (disjunctions, quantifiers,
-    conditional effects) is kept in the domain's own `kbstore.model.domain.Action` of the same name.
+    The message carries simple conditions and effects only; the domain's `kbstore.model.actions.Action` of the same
+    name has all of them (disjunctions, quantifiers, conditional effects).
     """
 
     formula: DomainFormula

@@ -1,4 +1,4 @@
-"""The numbers of the messages."""
+"""The enums of the messages, with their numbers."""
 
 from enum import Enum, IntEnum
 from typing import NoReturn
@@ -89,7 +89,7 @@ class Operator(IntEnum):
 
 
 class SpecialType(IntEnum):
-    """A number that the moment gives: elapsed time, total time, the duration of an action."""
+    """A special number in an expression: elapsed time, total time, the duration of an action."""
 
     HASHT = 0
     TOTAL_TIME = 1
@@ -129,7 +129,7 @@ class Truth(Enum):
 
     @classmethod
     def of(cls, value: bool) -> "Truth":
-        """TRUE or FALSE from a bool."""
+        """Return TRUE or FALSE for a bool."""
         return cls.TRUE if value else cls.FALSE
 
 

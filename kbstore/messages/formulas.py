@@ -26,11 +26,11 @@ class KeyValue(Message):
 
 
 KNOWN_VALUES = 50_000
-"""The most labelled names in the cache; 25 MB or so."""
+"""The most labelled names in the cache, which are about 25 MB."""
 
 
 def key_values(labels: Iterable[str], names: Iterable[str]) -> tuple[KeyValue, ...]:
-    """Names that are known to be valid, each with its label; as many of the one as of the other."""
+    """Label names that are known to be valid; there is one label for each name."""
     return tuple([_key_value(label, name) for label, name in zip(labels, names, strict=True)])
 
 
@@ -98,7 +98,7 @@ class ExprBase(Message):
 
     @classmethod
     def of(cls, token: "float | int | DomainFormula | Operator | SpecialType") -> "ExprBase":
-        """The token for a number, a function, an operator or a special number."""
+        """Make the token of a number, a function, an operator or a special number."""
         match token:
             case Operator():
                 return cls(expr_type=ExprType.OPERATOR, op=token)
@@ -146,8 +146,8 @@ class ExprComposite(Message):
 def prefix_text(tokens: Iterable[Operator | str]) -> str:
     """Write an expression in PDDL, from its operators and the texts of its operands in prefix order.
 
-    A sum whose first operand is a sum is written as one sum, and so are products: they were read from one, or have
-    the same value to the last bit.
+    A sum whose first operand is a sum is written as one sum of all operands, and a product likewise: read again, the
+    text gives the same nested expression.
     """
     words: list[str] = []
     lacking: list[int] = []

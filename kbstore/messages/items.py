@@ -1,4 +1,4 @@
-"""The KnowledgeItem in its five types, and the condition that no item can carry."""
+"""The KnowledgeItem in its five types, and the Condition, for goals that no item can carry."""
 
 from abc import abstractmethod
 from collections.abc import Iterable, Mapping
@@ -108,7 +108,7 @@ class Fact(_Attribute):
 
 
 def trusted_fact(name: str, values: Values, *, is_negative: bool = False) -> Fact:
-    """Make a fact of parts that are known to be valid, with everything else as it is by default."""
+    """Make a fact of parts that are known to be valid, with the defaults of all other fields."""
     return Fact.trusted(
         initial_time=0,
         is_negative=is_negative,
@@ -121,7 +121,7 @@ def trusted_fact(name: str, values: Values, *, is_negative: bool = False) -> Fac
 class Function(_Attribute):
     """A numeric function's value: ``(= (battery kenny) 80)``, or a change of it (rule C7).
 
-    `rate` is in units per second. In a question, without `function_value` it asks whether the function is defined.
+    `rate` is in units per second. In a question, an item without `function_value` asks whether the function is defined.
     """
 
     knowledge_type: Literal[KnowledgeType.FUNCTION] = KnowledgeType.FUNCTION
@@ -183,7 +183,7 @@ class Expression(_Item):
     @classmethod
     def _known(cls, value: str) -> str:
         if value.lower() not in ("", "minimize", "maximize"):
-            raise InvalidKnowledge(f"a metric says 'minimize' or 'maximize', not {value!r:.60}")
+            raise InvalidKnowledge(f"{value!r:.60} is not an optimization; give 'minimize' or 'maximize'")
         return value.lower()
 
     @property
@@ -235,7 +235,7 @@ _ADAPTER: TypeAdapter[KnowledgeItem] = TypeAdapter(KnowledgeItem)
 
 
 def from_message(message: object) -> KnowledgeItem:
-    """Return the item of a mapping in the shape of the ROS message, or of an object with its attributes.
+    """Read an item from a mapping in the shape of the ROS message, or from an object with its attributes.
 
     Raises `InvalidKnowledge` with one sentence for each wrong field, and for a message without a `knowledge_type`;
     `InvalidTime` for an `initial_time` that is not a time.
