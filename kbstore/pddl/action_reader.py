@@ -1,4 +1,4 @@
-"""Actions and durative actions, from their groups to `kbstore.model.actions.Action`."""
+"""Reads actions and durative actions, from their groups to `kbstore.model.actions.Action`."""
 
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
@@ -36,7 +36,7 @@ class ActionReader:
     scope: Scope
 
     def read(self, group: Group) -> Action:
-        """The action that an ``(:action ...)`` or ``(:durative-action ...)`` section declares."""
+        """Read the action that an ``(:action ...)`` or ``(:durative-action ...)`` section declares."""
         if group.word(0) == ":durative-action":
             return self._durative(group)
         name = check_name(self.scope, "action", group, 1)
@@ -56,7 +56,7 @@ class ActionReader:
         )
 
     def read_event(self, group: Group) -> Event:
-        """The process or event of PDDL+ that a ``(:process ...)`` or ``(:event ...)`` section declares."""
+        """Read the process or event of PDDL+ that a ``(:process ...)`` or ``(:event ...)`` section declares."""
         kind = group.word(0)[1:]
         name = check_name(self.scope, kind, group, 1)
         fields = self._fields(group, _EVENT_FIELDS)
@@ -117,7 +117,7 @@ class ActionReader:
     def _duration(
         self, group: Group, variables: Variables, conditions: ConditionReader
     ) -> Iterator[DurationConstraint]:
-        """The constraints on ``?duration``, each possibly with its moment."""
+        """Yield the constraints on ``?duration``, each of the start unless it names its part of the action."""
         for part in conditions.groups_of(group) if group.word(0) == "and" else [group]:
             timed = part[2] if part.word(0) == "at" and part.word(1) in ("start", "end") and len(part) == 3 else None
             if isinstance(timed, Group):

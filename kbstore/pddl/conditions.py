@@ -1,4 +1,4 @@
-"""Conditions: from their groups to the formulas of `kbstore.model.formulas`."""
+"""Reads conditions, from their groups to the formulas of `kbstore.model.formulas`."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -28,7 +28,7 @@ from kbstore.pddl.sexpr import Group, node_text
 from kbstore.pddl.typed_lists import bound, read_parameters
 
 MAX_DEPTH = 150
-"""Conditions and effects that remain nested deeper than this are refused, so that recursion over them is safe."""
+"""Conditions and effects nested deeper than this are refused, so that recursion over them is safe."""
 
 COMPARISONS = {comparison.pddl: comparison for comparison in ComparisonType}
 
@@ -45,17 +45,17 @@ TRAJECTORY = frozenset(
         "hold-after",
     )
 )
-"""The words for constraints on a plan's course."""
+"""The operators of trajectory constraints (PDDL 3.0)."""
 
 UNCERTAIN = ("oneof", "or", "unknown")
-"""The words of an initial state for what is known of atoms that are unknown, in problems for contingent planners."""
+"""The operators by which the initial state of a contingent problem constrains unknown atoms."""
 
 _WORDS = frozenset(("and", "or", "not", "imply", "forall", "exists", "preference", *COMPARISONS, *TRAJECTORY))
 
 
 @dataclass
 class ConditionReader:
-    """Reads conditions of one text; `specials` are the special numbers that mean something in them."""
+    """Reads conditions of one text; `specials` are the special numbers that may occur in them."""
 
     scope: Scope
     specials: frozenset[SpecialType] = ANY_SPECIAL
@@ -64,7 +64,7 @@ class ConditionReader:
         """Read the condition in a group.
 
         A conjunction within a conjunction, a disjunction within a disjunction and double negations are dissolved.
-        Raises `PddlSyntaxError`, or reports symbols that do not fit.
+        Raises `PddlSyntaxError`; reports symbols that do not fit (`Scope.diagnose`).
         """
         if depth > MAX_DEPTH:
             raise self.scope.error(f"conditions nested deeper than {MAX_DEPTH} levels cannot be read", group)
@@ -100,7 +100,7 @@ class ConditionReader:
         raise self.scope.error(f"({word} ...) constrains a plan's course, and belongs in (:constraints ...)", group)
 
     def quantified(self, group: Group) -> tuple[tuple[Parameter, ...], Group]:
-        """The variables of ``(forall (?x - t) part)`` or ``exists``, and the part."""
+        """Return the variables of ``(forall (?x - t) part)`` or ``exists``, and the part."""
         if len(group) != 3 or not isinstance(group[1], Group) or not isinstance(group[2], Group):
             word = group.word(0)
             raise self.scope.error(
@@ -111,14 +111,14 @@ class ConditionReader:
         return read_parameters(self.scope, group[1]), group[2]
 
     def preference(self, group: Group) -> tuple[str, Group]:
-        """The name of a preference (it may have none), and its part."""
+        """Return the name of a preference, empty if it has none, and its part."""
         part = group[-1]
         if len(group) not in (2, 3) or not isinstance(part, Group):
             raise self.scope.error(f"a preference is (preference name (condition)), not {node_text(group, 60)}", group)
         return self.scope.name(group, 1, "preference") if len(group) == 3 else "", part
 
     def groups_of(self, group: Group) -> Iterator[Group]:
-        """The parts of a conjunction or a disjunction; those of the same kind within it are dissolved."""
+        """Yield the parts of a conjunction or a disjunction; those of the same kind within it are dissolved."""
         word = group.word(0)
         levels = [iter(enumerate(group))]
         owners = [group]
@@ -142,14 +142,14 @@ class ConditionReader:
     def is_atom(self, group: Group) -> bool:
         """Return whether a keyword is used as the name of a declared predicate.
 
-        Without a domain none is declared; a word for a constraint before plain names can be nothing else.
+        Without a domain none is declared, but an operator of constraints before plain names can be nothing else.
         """
         word = group.word(0)
         return (
             (self.scope.is_predicate(word) or (self.scope.domain is None and word in TRAJECTORY))
             and word not in COMPARISONS
             and (len(group) > 1 or word not in ("and", "or"))
-            and all(isinstance(node, str) for node in group)
+            and group.is_flat()
         )
 
     def _parts(self, group: Group, variables: Variables, depth: int) -> Iterator[Formula]:
@@ -191,7 +191,7 @@ class ConditionReader:
         return Comparison(COMPARISONS[group.word(0)], left, right)
 
     def _equals(self, group: Group, variables: Variables) -> Formula:
-        """``(= a b)``: of objects, if both sides are words that are neither numbers nor functions."""
+        """Read ``(= a b)``, which compares objects if both sides are words that are neither numbers nor functions."""
         self._two_operands(group)
         if self._is_of_object_fluents(group):
             return self._same(group, variables)
@@ -225,7 +225,7 @@ class ConditionReader:
             sides.append(node)
             problem = self.scope.misfit(node, variables)
             if self.scope.patterns and is_wildcard(node) and node[1:].lower() not in variables:
-                problem = f"{node} matches nothing in a comparison; say (exists (?x - some-type) ...)"
+                problem = f"{node} matches nothing in a comparison; write (exists (?x - some-type) ...)"
             if problem:
                 self.scope.diagnose(InvalidKnowledge, f"{node_text(group)}: {problem}", group, index)
         return Same(sides[0], sides[1])
@@ -238,7 +238,7 @@ class ConditionReader:
 
 
 def conjuncts(condition: Formula) -> tuple[Formula, ...]:
-    """The parts of a conjunction; of anything else, itself; of what is always true, none."""
+    """Return the parts of a conjunction, none of a truism, and of any other condition the condition itself."""
     if isinstance(condition, And):
         return condition.parts
     return () if isinstance(condition, Truism) else (condition,)

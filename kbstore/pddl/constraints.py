@@ -1,4 +1,4 @@
-"""Trajectory constraints of PDDL 3: checked, and kept as text."""
+"""Reads trajectory constraints (PDDL 3.0), which are checked and stored as text."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -31,7 +31,7 @@ class ConstraintReader:
     conditions: ConditionReader
 
     def read(self, section: Group) -> list[str]:
-        """The constraints, each as PDDL text. Raises `PddlSyntaxError`, or reports what does not fit."""
+        """Read the constraints, each as PDDL text. Raises `PddlSyntaxError`; reports symbols that do not fit."""
         return [node_text(constraint) for constraint in self._parts(section)]
 
     def _parts(self, section: Group) -> Iterator[Group]:

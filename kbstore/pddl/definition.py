@@ -33,7 +33,7 @@ class Definition:
 
 
 def read_definition(scope: Scope, kind: str, known: Collection[str], repeated: Collection[str]) -> Definition:
-    """The definition of `kind` ("domain", "problem") that the text consists of.
+    """Read the definition of `kind` ("domain", "problem") that the text consists of.
 
     `known` are the keywords of its sections; those in `repeated` may occur several times. Raises `PddlSyntaxError`.
     """
@@ -59,7 +59,7 @@ def read_definition(scope: Scope, kind: str, known: Collection[str], repeated: C
 
 
 def check_name(scope: Scope, what: str, group: Group, index: int, name: str | None = None) -> str:
-    """The word at a place (or `name`, which it contains), which has to be acceptable as the name of `what`."""
+    """Return the word at a place, or `name`, which it contains. Raises `PddlSyntaxError` if it cannot name a `what`."""
     written = name if name is not None else scope.name(group, index, what)
     problem = name_problem(written)
     if problem:
@@ -83,13 +83,13 @@ def _sections(
         if keyword not in repeated and keyword in seen:
             if node_text(section) != node_text(seen[keyword]):
                 raise scope.error(f"the section {keyword} is here for the second time", section, 0)
-            continue  # the same words again say nothing else
+            continue  # a repetition of the same section, as some generators write it
         seen[keyword] = section
         yield section
 
 
 def unknown_keyword(keyword: str, what: str, known: Collection[str]) -> str:
-    """The sentence for a keyword that means nothing in its place."""
+    """Return the sentence that refuses an unknown keyword, and suggests the one that was meant."""
     if keyword in _ELSEWHERE:
         return f"{keyword} {_ELSEWHERE[keyword]}"
     close = get_close_matches(keyword[:40], known, 1)

@@ -1,4 +1,4 @@
-"""Domains: from PDDL text to `kbstore.model.domain.Domain`."""
+"""Reads domains, from PDDL text to `kbstore.model.domain.Domain`."""
 
 import os
 from collections.abc import Iterable, Iterator, Sequence
@@ -61,7 +61,7 @@ def read_domain(source: str | os.PathLike[str] | SourceText) -> MessageDomain:
         object_fluents=object_fluents,
     )
     derived = list(definition.all(":derived"))
-    # no action may change what rules derive, so which predicates these are is known before the actions are read
+    # no action may change a derived predicate, so these are declared before the actions are read
     scope = replace(scope, domain=replace(domain, rules={_derived_name(section): () for section in derived}))
     domain = replace(
         domain,
@@ -76,13 +76,13 @@ def read_domain(source: str | os.PathLike[str] | SourceText) -> MessageDomain:
 
 
 def read_requirements(scope: Scope, definition: Definition) -> tuple[str, ...]:
-    """The requirements, as written; unknown ones are kept."""
+    """Read the requirements as written, unknown ones included."""
     section = definition.one(":requirements")
     return scope.words(section, 1) if section else ()
 
 
 def _types(scope: Scope, definition: Definition) -> dict[str, str]:
-    """Each type with its parent; a parent that is not declared itself is a type below ``object``."""
+    """Read each type with its parent; a parent that is not declared itself is a type below ``object``."""
     section = definition.one(":types") or Group()
     words = [word for word in section[1:] if isinstance(word, str)]
     glued = replace(scope, domain=Domain("", types=dict.fromkeys(words, ROOT_TYPE)))
@@ -92,7 +92,7 @@ def _types(scope: Scope, definition: Definition) -> dict[str, str]:
     spellings: dict[str, str] = {}
     for index, name, parents, types_place in declared:
         check_name(scope, "type", section, index, name)
-        # a type that is said to be below itself is one of the top types
+        # a type that is declared below itself is one of the top types
         above = {key(parent): parent for parent in parents if key(parent) != key(name)}
         if key(name) == ROOT_TYPE:
             if above:
@@ -149,7 +149,7 @@ def _check_cycles(
                 free.append(name)
     circular = [name for name, parents in above.items() if parents]
     if circular:
-        # what is left is in a cycle or below one; going up from anywhere leads into one
+        # a type that is left is in a cycle or below one, so going up from any of them leads into a cycle
         name, path = circular[0], list[str]()
         while name not in path:
             path.append(name)
@@ -187,7 +187,7 @@ def _constants(scope: Scope, definition: Definition) -> dict[str, str]:
 
 
 def object_type(scope: Scope, group: Group, typed: Typed) -> str:
-    """The one type of a declared object."""
+    """Return the one type of a declared object. Raises `PddlSyntaxError` for an ``either``."""
     if len(typed.types) > 1:
         raise scope.error(
             f"{typed.name} is declared (either {' '.join(typed.types)}), but an object has one type; "
@@ -212,7 +212,7 @@ def _predicates(scope: Scope, definition: Definition) -> dict[str, Signature]:
 
 
 def _functions(scope: Scope, definition: Definition) -> tuple[dict[str, Signature], dict[str, ObjectFluent]]:
-    """The numeric functions, and those whose value is an object, which ``- type`` after them says."""
+    """Read the numeric functions, and the object fluents, which are followed by ``- type``."""
     section = definition.one(":functions") or Group()
     signatures: dict[str, Signature] = {}
     types: dict[str, tuple[str, ...]] = {}
@@ -245,7 +245,7 @@ def _functions(scope: Scope, definition: Definition) -> tuple[dict[str, Signatur
 
 
 def _value_types(scope: Scope, section: Group, index: int) -> tuple[str, ...]:
-    """The types of a function's value, none of a number."""
+    """Read the types of a function's value, none for a number."""
     node = section[index] if index < len(section) else ""
     if isinstance(node, Group):
         types = scope.words(node, 1) if node.word(0) == "either" else ()
@@ -312,7 +312,7 @@ def _actions(scope: Scope, definition: Definition) -> dict[str, Action]:
 
 
 def _events(scope: Scope, definition: Definition) -> tuple[Event, ...]:
-    """The processes and events of PDDL+, which are kept, and not computed (rule P4)."""
+    """Read the processes and events of PDDL+, which are stored but not computed (rule P4)."""
     reader = ActionReader(scope)
     events: dict[tuple[str, str], tuple[Event, Group]] = {}
     for section in definition.sections:
@@ -327,7 +327,7 @@ def _events(scope: Scope, definition: Definition) -> tuple[Event, ...]:
 
 
 def _check_stratification(scope: Scope, domain: Domain, sections: list[Group]) -> None:
-    """Refuse rules by which a predicate depends on its own negation, at the first of its rules."""
+    """Refuse a predicate that depends on its own negation, with the place of the first of its rules."""
     try:
         strata(domain)
     except InvalidKnowledge as error:

@@ -1,4 +1,4 @@
-"""Effects of one moment: from their groups to the formulas of `kbstore.model.formulas`."""
+"""Reads effects of one part of an action, from their groups to the formulas of `kbstore.model.formulas`."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -36,14 +36,14 @@ _WORDS = frozenset(("and", "not", "forall", "when", *ASSIGNMENTS))
 
 @dataclass
 class EffectReader:
-    """Reads effects; `specials` are the special numbers that mean something in the values of numeric ones."""
+    """Reads effects; `specials` are the special numbers that may occur in the values of numeric ones."""
 
     scope: Scope
     conditions: ConditionReader
     specials: frozenset[SpecialType]
 
     def read(self, group: Group, variables: Variables, depth: int = 0) -> Iterator[Effect]:
-        """The effects that a group lists. Raises `PddlSyntaxError`, or reports what does not fit."""
+        """Read the effects that a group lists. Raises `PddlSyntaxError`; reports symbols that do not fit."""
         self.check_depth(group, depth)
         if not group:
             return
@@ -78,31 +78,30 @@ class EffectReader:
             )
 
     def continuous(self, group: Group, variables: Variables) -> NumericEffect:
-        """A continuous effect, ``(increase (battery ?r) (* #t (rate ?r)))``."""
+        """Read a continuous effect, ``(increase (battery ?r) (* #t (rate ?r)))``."""
         function, value = self._target_and_value(group, variables, self.specials | {SpecialType.HASHT})
         rate = rate_of(value)
         if rate is None:
             raise self.scope.error(
-                "this effect says neither when it happens (at start, at end) nor a rate, as in "
-                "(increase (f) (* #t (rate)))",
+                "this effect has neither a time (at start, at end) nor a rate, as in (increase (f) (* #t (rate)))",
                 group,
             )
         operation = ASSIGNMENTS[group.word(0)]
         return NumericEffect(AssignOp.ASSIGN_CTS, function, negated(rate) if operation is AssignOp.DECREASE else rate)
 
     def when(self, group: Group) -> tuple[Group, Group]:
-        """The condition and the effect of a conditional effect."""
+        """Return the groups of the condition and the effect of a conditional effect."""
         if len(group) != 3 or not isinstance(group[1], Group) or not isinstance(group[2], Group):
             raise self.scope.error(f"(when ...) takes a condition and an effect: {node_text(group, 60)}", group)
         return group[1], group[2]
 
     def check_depth(self, group: Group, depth: int) -> None:
-        """Refuse what is nested too deep."""
+        """Raise `PddlSyntaxError` for effects nested deeper than `MAX_DEPTH`."""
         if depth > MAX_DEPTH:
             raise self.scope.error(f"effects nested deeper than {MAX_DEPTH} levels cannot be read", group)
 
     def _is_atom(self, group: Group) -> bool:
-        """Return whether a group is an atom: names and terms, not beginning with a keyword that names no predicate."""
+        """Return whether a group is an atom: names and terms, the first of which is not used as a keyword."""
         word = group.word(0)
         is_flat = all(isinstance(node, str) or self.scope.is_object_term(node) for node in group)
         return is_flat and (word not in _WORDS or self.conditions.is_atom(group))
@@ -114,7 +113,7 @@ class EffectReader:
         return NumericEffect(ASSIGNMENTS[group.word(0)], function, value)
 
     def object_assignment(self, group: Group, variables: Variables) -> AssignObject:
-        """``(assign (location ?r) ?to)``, which is kept, not computed (rule P4); in an initial state with ``=``."""
+        """Read ``(assign (location ?r) ?to)``, in an initial state with ``=``; stored but not computed (rule P4)."""
         scope, term, value = self.scope, group[1], group[2]
         assert isinstance(term, Group)
         name = scope.name(term, 0, "function")
@@ -151,7 +150,7 @@ class EffectReader:
 
 
 def function_group(scope: Scope, group: Group, index: int) -> Group:
-    """The group of a function's term at a place, also where it is without brackets, as ``total-cost`` may."""
+    """Return the group of a function's term at a place; a term without brackets, as ``total-cost``, becomes a group."""
     node = group[index]
     if isinstance(node, Group):
         return node
@@ -161,8 +160,8 @@ def function_group(scope: Scope, group: Group, index: int) -> Group:
 
 
 def rate_of(expression: NumericExpression) -> NumericExpression | None:
-    """The rate of a continuous change: the expression without its ``#t``; None if it is not proportional to it."""
-    degrees: list[int | None] = []  # of each operand: 1 proportional to #t, 0 independent of it, None neither
+    """Return the rate of a continuous change: the expression without its ``#t``; None if not proportional to that."""
+    degrees: list[int | None] = []  # for each operand: 1 proportional to #t, 0 independent of it, None neither
     for token in reversed(expression):
         if not isinstance(token, Operator):
             degrees.append(int(token is SpecialType.HASHT))
@@ -198,7 +197,7 @@ def _is_whole(tokens: NumericExpression) -> bool:
 
 
 def negated(expression: NumericExpression) -> NumericExpression:
-    """The expression with the other sign."""
+    """Return the expression with the other sign."""
     if len(expression) == 1 and isinstance(expression[0], float):
         return (-expression[0],)
     return (Operator.UMINUS, *expression)

@@ -1,4 +1,4 @@
-"""Numeric expressions: from their groups to flat tuples in prefix order, without recursion."""
+"""Reads numeric expressions, from their groups to flat tuples in prefix order, without recursion."""
 
 import math
 import re
@@ -51,8 +51,8 @@ def read_expression(
 ) -> NumericExpression:
     """Read the expression at a place of a group.
 
-    Sums and products of more than two operands become nested ones; `specials` are the special numbers that mean
-    something in the expression's place. Raises `PddlSyntaxError`, or reports symbols that do not fit.
+    Sums and products of more than two operands become nested ones; `specials` are the special numbers that may occur.
+    Raises `PddlSyntaxError`; reports symbols that do not fit.
     """
     tokens: list[Token] = []
     stack: list[tuple[Group, int]] = [(group, index)]
@@ -67,7 +67,7 @@ def read_expression(
         elif node.word(0) == "total-time" and len(node) == 1 and not scope.is_function("total-time"):
             tokens.append(_special(scope, parent, place, SpecialType.TOTAL_TIME, specials))
         elif node.word(0) == "is-violated" and SpecialType.TOTAL_TIME in specials:
-            # a metric counts a preference by its name, as if it were the argument of a function
+            # a metric counts a preference by its name, which is read like the argument of a function
             tokens.append(Atom(scope.name(node, 0, "function"), (scope.name(node, 1, "preference"),)))
         elif not node:
             raise scope.error("a numeric expression is expected here, not ()", node)
@@ -81,7 +81,7 @@ def read_function(
 ) -> Atom:
     """Read the term of a numeric function.
 
-    `wildcards` says whether free variables may be patterns here (rule V7), `asserted` whether its value is set.
+    `wildcards` is whether free variables may be patterns here (rule V7), `asserted` whether the value is set.
     """
     name = scope.name(group, 0, "numeric function")
     if is_number(name) or name == "?duration":
@@ -93,12 +93,12 @@ def read_function(
 
 
 def refuse_wildcards(scope: Scope, group: Group, atom: Atom, variables: Variables) -> None:
-    """Complain of a free variable in a comparison (rule V7)."""
+    """Report free variables in a comparison (rule V7)."""
     for index, argument in enumerate(atom.arguments, 1):
         if is_wildcard(argument) and argument[1:].lower() not in variables:
             scope.diagnose(
                 InvalidKnowledge,
-                f"{argument} in {atom} matches nothing in a comparison; say (exists (?x - some-type) ...)",
+                f"{argument} in {atom} matches nothing in a comparison; write (exists (?x - some-type) ...)",
                 group,
                 index,
             )
@@ -137,7 +137,7 @@ def _special(
 
 
 def _operators(scope: Scope, group: Group) -> list[Token]:
-    """The operators of a group of operands: one, or one fewer than operands of a longer sum or product."""
+    """Return the operators of a group: one; in a longer sum or product, one fewer than operands."""
     operator = _OPERATORS[group.word(0)]
     operands = len(group) - 1
     if operands == 1 and operator is Operator.SUB:

@@ -1,7 +1,7 @@
-"""The initial state of a problem: facts, values, and timed-initial literals and fluents.
+"""Reads the initial state of a problem: facts, values, and timed-initial literals and fluents.
 
 Nearly all of a large problem consists of facts, so these take a short path: an argument that has once been found to
-fit a parameter is from then on one look-up, which gives the labelled value that all its facts share.
+fit a parameter is from then on one look-up, which returns the labelled value that all its facts share.
 """
 
 from dataclasses import dataclass, field
@@ -32,17 +32,17 @@ class Fitting:
         self._tables: dict[str, list[dict[str, KeyValue]]] = {}
 
     def values(self, term: Group) -> Values | None:
-        """The labelled arguments of a term if all of them are known to fit."""
+        """Return the labelled arguments of a term if all of them are known to fit, or None."""
         try:
             tables = self._tables[term[0]]  # type: ignore[index]
             if len(term) == len(tables) + 1:
                 return tuple([table[name] for table, name in zip(tables, term[1:], strict=True)])  # type: ignore[index]
-        except (LookupError, TypeError):  # not known yet, or a group where only a name can be known
+        except (LookupError, TypeError):  # an argument that is not known yet, or a group instead of a name
             pass
         return None
 
     def add(self, name: str, values: Values) -> None:
-        """Note that these arguments fit."""
+        """Record that these arguments fit."""
         tables = self._tables.setdefault(name, [{} for _ in values])
         if len(tables) == len(values):
             for table, value in zip(tables, values, strict=True):
@@ -53,9 +53,8 @@ class Fitting:
 class InitReader:
     """Reads an ``(:init ...)`` section into `entries` and `timed` (with times in nanoseconds), with their offsets.
 
-    What is kept as text is in `object_values`, by the term whose value it is (in `timed_values` those of later times,
-    each time with term and text), and in `uncertain`: what is known of atoms of which it is not known whether they are
-    true (rule P4).
+    Parts that are stored as text (rule P4): `object_values` has the values of object fluents by term, `timed_values`
+    those of later times (time, term and text), and `uncertain` the constraints on unknown atoms.
     """
 
     scope: Scope
@@ -72,7 +71,7 @@ class InitReader:
     _values: dict[str, float] = field(default_factory=dict)
 
     def read(self, section: Group) -> None:
-        """Read the section. Raises `PddlSyntaxError` for what is not PDDL, and reports what does not fit."""
+        """Read the section. Raises `PddlSyntaxError` for what is not PDDL; reports what does not fit."""
         only = section[1] if len(section) == 2 else None
         if isinstance(only, Group) and only.word(0) == "and" and not self.scope.is_predicate("and"):
             section = only  # contingent problems have their initial state in one conjunction
@@ -98,14 +97,14 @@ class InitReader:
         self._check_contradictions()
 
     def _is_kept(self, group: Group) -> bool:
-        """Read what is kept as text; False for anything else."""
+        """Read a part that is stored as text; return False for any other."""
         scope, word = self.scope, group.word(0)
         if self._is_object_value(group, ("=",)):
             name, text = self._object_value(group)
             if self.object_values.setdefault(name, text) != text:
-                scope.diagnose(InvalidKnowledge, f"{text}: the function has another value before", group)
+                scope.diagnose(InvalidKnowledge, f"{text}: the function was given another value before", group)
             return True
-        if word in UNCERTAIN and not (scope.is_predicate(word) and _all_words(group)):
+        if word in UNCERTAIN and not (scope.is_predicate(word) and group.is_flat()):
             if len(group) < 2 or (word == "unknown" and len(group) != 2):
                 raise scope.error(f"({word} ...) takes {_TAKES[word]}, not {node_text(group, 60)}", group)
             for index in range(1, len(group)):
@@ -123,13 +122,13 @@ class InitReader:
         return group.word(0) in words and len(group) == 3 and self.scope.is_object_term(group[1])
 
     def _object_value(self, group: Group) -> tuple[str, str]:
-        """The term of an object fluent as a key, and its value as text."""
+        """Read an object fluent's value: its term as a key, and the equation as text."""
         read = EffectReader(self.scope, ConditionReader(self.scope, frozenset()), frozenset()).object_assignment
         assigned = read(group, NO_VARIABLES)
         return key(str(assigned.function)), f"(= {assigned.function} {assigned.value})"
 
     def _time(self, group: Group) -> int:
-        """The time of a timed literal, in nanoseconds."""
+        """Read the time of a timed literal, in nanoseconds."""
         word = group[1]
         if not isinstance(word, str) or not NUMBER.fullmatch(word):
             raise self.scope.error(
@@ -145,7 +144,7 @@ class InitReader:
 
     def _entry(self, group: Group, *, timed: bool = False) -> Entry:
         word = group.word(0)
-        if word == "=" or (timed and word == "assign" and len(group) == 3 and not _all_words(group)):
+        if word == "=" or (timed and word == "assign" and len(group) == 3 and not group.is_flat()):
             return self._value(group, timed=timed)
         if timed and word in ASSIGNMENTS and len(group) == 3 and isinstance(group[1], Group):
             raise self.scope.error(
@@ -155,7 +154,7 @@ class InitReader:
             )
         if word == "not" and len(group) == 2 and isinstance(group[1], Group) and group[1].word(0) != "=":
             return self._fact(group[1], is_negative=True)
-        if not group or word in ("not", "and") or (word == "at" and not _all_words(group)):
+        if not group or word in ("not", "and") or (word == "at" and not group.is_flat()):
             raise self.scope.error(
                 "the initial state lists facts (p a), negative facts (not (p a)), values (= (f a) 3) and timed ones "
                 f"(at 5 (p a)), not {node_text(group, 60)}",
@@ -187,7 +186,7 @@ class InitReader:
                 raise scope.error("a function and its value are expected here, not two numbers", group)
             values = self._checked(term, scope.function(name, term), self._functions)
         if not timed and self._values.setdefault(" ".join(map(str, term)).lower(), value) != value:
-            scope.diagnose(InvalidKnowledge, f"{node_text(group)}: the function has another value before", group)
+            scope.diagnose(InvalidKnowledge, f"{node_text(group)}: the function was given another value before", group)
         return Function.trusted(
             initial_time=0,
             is_negative=False,
@@ -200,7 +199,7 @@ class InitReader:
         )
 
     def _checked(self, term: Group, signature: Signature | None, fitting: Fitting) -> Values:
-        """The labelled arguments of a term; each that does not fit is reported."""
+        """Return the labelled arguments of a term, and report each that does not fit."""
         before = self.scope.diagnosed
         atom = self.scope.atom(term, signature, NO_VARIABLES, asserted=True)
         values = labelled(atom.arguments, signature)
@@ -218,7 +217,3 @@ class InitReader:
         for entry, offset in facts if denied else ():
             if not entry.is_negative and entry.key in denied:
                 self.scope.diagnose_at(InvalidKnowledge, f"both {entry} and (not {entry}) are asserted", offset)
-
-
-def _all_words(group: Group) -> bool:
-    return all(isinstance(node, str) for node in group)

@@ -1,4 +1,4 @@
-"""Knowledge items from their groups: facts, values and changes of numeric functions, inequalities, objects, metrics."""
+"""Reads items from their groups: facts, values and changes of numeric functions, inequalities, objects, metrics."""
 
 from dataclasses import dataclass
 
@@ -40,7 +40,7 @@ _ADVICE = (
 
 
 def labelled(arguments: tuple[str, ...], signature: Signature | None) -> tuple[KeyValue, ...]:
-    """Arguments with the labels of the signature; without one, or if their number does not fit, without labels."""
+    """Label arguments by the signature; without one, or if their number does not fit, labels are empty."""
     labels = signature.labels if signature is not None and len(signature.labels) == len(arguments) else None
     return key_values(labels or ("",) * len(arguments), arguments)
 
@@ -53,7 +53,7 @@ def fact_of(atom: Atom, signature: Signature | None, is_negative: bool = False) 
 def function_of(
     atom: Atom, signature: Signature | None, value: float | None, operation: AssignOp = AssignOp.ASSIGN
 ) -> Function:
-    """The item that says (or asks, without `value`) what a numeric function is, or how it changes."""
+    """Make the item that sets or changes a numeric function; without `value`, it asks whether that is defined."""
     return Function.trusted(
         initial_time=0,
         is_negative=False,
@@ -68,12 +68,12 @@ def function_of(
 
 @dataclass
 class ItemReader:
-    """Reads items of one text. What they refer to is checked where they are stored or asked."""
+    """Reads items of one text. The symbols and objects in them are checked where they are stored or asked."""
 
     scope: Scope
 
     def read(self, top: Group) -> KnowledgeItem:
-        """The one item that a text consists of. Raises `PddlSyntaxError`, or `InvalidKnowledge` with advice."""
+        """Read the one item that a text consists of. Raises `PddlSyntaxError`, or `InvalidKnowledge` with advice."""
         if len(top) == 1 and isinstance(top[0], Group):
             return self.item(top[0])
         words = [node for node in top if isinstance(node, str)]
@@ -103,12 +103,12 @@ class ItemReader:
         return item.changed(is_negative=True)
 
     def metric(self, group: Group, index: int) -> Metric:
-        """The metric whose ``minimize`` or ``maximize`` is at a place, followed by its expression."""
+        """Read the metric whose ``minimize`` or ``maximize`` is at a place, followed by its expression."""
         optimization, expression = read_metric(self._unchecked(), group, index, ANY_SPECIAL)
         return Metric(optimization=optimization, expr=self.composite(expression))
 
     def composite(self, expression: NumericExpression) -> ExprComposite:
-        """The expression as a message, labelled by the domain."""
+        """Return the expression as a message, labelled by the domain."""
         return composite_of(expression, self._formula)
 
     def inequality(self, comparison: Comparison, is_negative: bool = False) -> Inequality:
@@ -138,7 +138,7 @@ class ItemReader:
         return DomainFormula.trusted(name=atom.name, typed_parameters=values)
 
     def _words(self, top: Group, words: list[str]) -> KnowledgeItem:
-        """An object with its type, ``wp7 - waypoint``; of a removal or a question, also without."""
+        """Read an object with its type, ``wp7 - waypoint``, or without, as removals and questions may have it."""
         scope = self.scope
         if not words:
             raise scope.error(f"the text is empty; {_ADVICE}", top)
@@ -159,7 +159,7 @@ class ItemReader:
 
     def _positive(self, group: Group) -> KnowledgeItem:
         scope, word = self.scope, group.word(0)
-        words = _all_words(group)
+        words = group.is_flat()
         if words and group and word not in _RESERVED and "-" not in group[1:2]:
             # nearly all that there is to read
             return self._atom(str(group[0]), tuple(group[1:]))  # type: ignore[arg-type]
@@ -177,19 +177,19 @@ class ItemReader:
             raise InvalidKnowledge(f"{node_text(group, 60)} is a condition, which is not one item; {_ADVICE}")
         if word == "at" and len(group) == 3 and is_number(group[1]) and isinstance(group[2], Group):
             raise InvalidKnowledge(
-                f"{node_text(group, 60)} belongs into a problem; as an item, say {node_text(group[2], 60)}, and give "
-                "its time as initial_time"
+                f"{node_text(group, 60)} is a timed literal, which only a problem has; as an item, give "
+                f"{node_text(group[2], 60)}, and its time as initial_time"
             )
         return self._atom(scope.name(group, 0, "predicate"), scope.words(group, 1))
 
     def _atom(self, name: str, arguments: tuple[str, ...]) -> KnowledgeItem:
-        """A fact, or the question whether a function is defined."""
+        """Make a fact, or the question whether a function is defined."""
         if self.scope.is_function(name):
             return function_of(Atom(name, arguments), self.function(name), None)
         return fact_of(Atom(name, arguments), self.predicate(name))
 
     def _compared(self, group: Group) -> KnowledgeItem:
-        """``(= (f a) 3)`` is the value of a function; every other comparison is an inequality."""
+        """Read a comparison: ``(= (f a) 3)`` is the value of a function, every other one an inequality."""
         scope = self.scope
         if len(group) != 3:
             raise scope.error(f"({group[0]} ...) compares two values: {node_text(group, 60)}", group)
@@ -202,7 +202,7 @@ class ItemReader:
                 return function_of(atom, self.function(atom.name), value)
         if group[0] == "=" and isinstance(left, str) and isinstance(right, str) and not is_number(left):
             raise InvalidKnowledge(
-                f"{node_text(group, 60)} compares two objects, which can be asked, but is not something to know"
+                f"{node_text(group, 60)} compares two objects, which can be asked, but is not an item; {_ADVICE}"
             )
         unchecked = self._unchecked()
         first, second = read_expression(unchecked, group, 1), read_expression(unchecked, group, 2)
@@ -226,7 +226,7 @@ class ItemReader:
         return function_of(atom, self.function(atom.name), value, operation)
 
     def _term(self, group: Group) -> Atom:
-        """The function's term that a group begins with."""
+        """Read the function's term that a group begins with."""
         term = function_group(self.scope, group, 1)
         name = self.scope.name(term, 0, "numeric function")
         if is_wildcard(name) or is_number(name):
@@ -237,7 +237,7 @@ class ItemReader:
 def read_metric(
     scope: Scope, group: Group, index: int, specials: frozenset[SpecialType]
 ) -> tuple[str, NumericExpression]:
-    """The word ``minimize`` or ``maximize`` at a place, and the expression after it."""
+    """Read the word ``minimize`` or ``maximize`` at a place, and the expression after it."""
     if group.word(index) not in OPTIMIZATIONS or len(group) != index + 2:
         raise scope.error(
             f"a metric is minimize or maximize and one expression, not {node_text(group, 60)}", group, index
@@ -246,17 +246,13 @@ def read_metric(
 
 
 _RESERVED = frozenset((*OPTIMIZATIONS, ":metric", *COMPARISONS, *ASSIGNMENTS))
-"""The words by which a group is something else than an atom, even if it has no inner groups."""
+"""The words that a group begins with that is not an atom, even if it has no inner groups."""
 
 _CONDITIONS = ("and", "or", "imply", "forall", "exists", "preference", "when")
 
 
-def _all_words(group: Group) -> bool:
-    return all(isinstance(node, str) for node in group)
-
-
 def _constant(expression: NumericExpression) -> float | None:
-    """The number that an expression without functions is, as far as signs go."""
+    """Return the number that an expression is, with any number of signs; None for any other expression."""
     while len(expression) == 2:
         expression = negated(expression[1:])
     return float(expression[0]) if len(expression) == 1 and isinstance(expression[0], float) else None

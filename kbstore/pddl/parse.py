@@ -1,4 +1,4 @@
-"""The text forms of knowledge and questions: from text to items and formulas, and between items and formulas."""
+"""Parses knowledge and questions: from text to items and formulas, and between items and formulas."""
 
 from functools import lru_cache
 
@@ -74,9 +74,9 @@ def parse_stored(text: str) -> Formula:
 
 
 def parse_initial(text: str) -> list[Formula]:
-    """Read what an initial state says beyond facts and numbers, as conditions, from its stored text (rule P4).
+    """Read a part of an initial state beyond facts and numbers from its stored text, as conditions (rule P4).
 
-    Of ``(oneof (p) (q))`` these are its parts, of an object fluent's value the equation, of other constraints none.
+    ``(oneof (p) (q))`` gives its parts, an object fluent's value the equation, and any other constraint nothing.
     """
     source = SourceText(text)
     group = _one_group(source, source.read())
@@ -87,13 +87,13 @@ def parse_initial(text: str) -> list[Formula]:
 
 
 def is_initial(text: str) -> bool:
-    """Return whether a kept text belongs into the initial state, and is not a constraint on a plan's course."""
+    """Return whether a stored text is a part of the initial state, and not a trajectory constraint."""
     return text.startswith(tuple(f"({word} " for word in ("=", *UNCERTAIN)))
 
 
 @lru_cache(maxsize=1024)
 def uncertain_atoms(text: str) -> frozenset[str]:
-    """The keys of the timelines of the facts of which an initial state says that they are unknown; mostly none."""
+    """Return the keys of the facts that a part of an initial state declares unknown; mostly none."""
     if not is_initial(text) or text.startswith("(= "):
         return frozenset()
     nodes = (node for part in parse_initial(text) for node, _, _ in walk(part, {}))
@@ -156,14 +156,14 @@ def condition_of(item: KnowledgeItem | ConditionMessage, domain: Domain | None =
 def goals_of(condition: Formula, domain: Domain | None = None) -> list[Goal]:
     """Split a goal into facts, negative facts and inequalities; what is none of these is a condition (rule C10).
 
-    Raises `InvalidKnowledge` for what no planner can be asked for: that an object exists, or a function is defined.
+    Raises `InvalidKnowledge` for goals that no planner takes: that an object exists, or a function is defined.
     """
     items = ItemReader(Scope(SourceText(""), domain))
     return [goal_of(part, items) for part in conjuncts(condition)]
 
 
 def goal_of(part: Formula, items: ItemReader) -> Goal:
-    """One part of a goal. Raises `InvalidKnowledge` as `goals_of` does."""
+    """Return one part of a goal. Raises `InvalidKnowledge` as `goals_of` does."""
     positive = part.part if isinstance(part, Not) else part
     if any(term[:1] == "(" for term in terms_in(positive)):
         return ConditionMessage(text=condition_text(part))  # no other message can carry object fluents
@@ -182,7 +182,7 @@ def goal_of(part: Formula, items: ItemReader) -> Goal:
 
 
 def _arranged(item: Fact | Function, domain: Domain | None) -> Atom:
-    """The item's atom, its arguments in the order of the symbol's parameters; an empty argument is written ``?``."""
+    """Return an item's atom, with the arguments in the order of the parameters; an empty argument becomes ``?``."""
     arguments = tuple(argument or "?" for argument in item.arguments)
     if domain is not None:
         name = item.attribute_name

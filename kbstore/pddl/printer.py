@@ -1,4 +1,4 @@
-"""Formulas as PDDL text, with single spaces; read again, the text gives an equal formula. Nothing here recurses."""
+"""Writes formulas as PDDL text with single spaces, without recursion; read again, it gives an equal formula."""
 
 from collections.abc import Iterable
 
@@ -35,14 +35,14 @@ _Piece = str | Formula | Effect
 
 
 def expression_text(expression: NumericExpression) -> str:
-    """A numeric expression in PDDL, for instance ``(+ (battery kenny) 5)``."""
+    """Write a numeric expression in PDDL, for instance ``(+ (battery kenny) 5)``."""
     return prefix_text(token if isinstance(token, Operator) else _token_text(token) for token in expression)
 
 
 def condition_text(condition: Formula) -> str:
-    """A condition in PDDL, for instance ``(and (robot_at kenny wp0) (> (battery kenny) 20))``.
+    """Write a condition in PDDL, for instance ``(and (robot_at kenny wp0) (> (battery kenny) 20))``.
 
-    The existence of an object of any type is written as its being an ``object``, for which PDDL has a word.
+    The existence of an object of any type is written with the type ``object``.
     """
     if isinstance(condition, IsA):
         return _is_a(condition)
@@ -50,16 +50,16 @@ def condition_text(condition: Formula) -> str:
 
 
 def effect_text(effect: Effect) -> str:
-    """An effect in PDDL, for instance ``(not (docked ?r))`` or ``(increase (battery ?r) (* #t 2))``.
+    """Write an effect in PDDL, for instance ``(not (docked ?r))`` or ``(increase (battery ?r) (* #t 2))``.
 
-    An effect does not say itself when it happens; only a condition of another moment does: ``(when (at start (lit))
-    (seen))`` is an effect at end.
+    The text does not name the part of the action that the effect belongs to, only that of a condition of another part:
+    ``(when (at start (lit)) (seen))`` is an effect at end.
     """
     return _written(effect)
 
 
 def parameters_text(parameters: Iterable[Parameter]) -> str:
-    """Typed variables in PDDL, for instance ``?r - robot ?wp - waypoint``."""
+    """Write typed variables in PDDL, for instance ``?r - robot ?wp - waypoint``."""
     return " ".join(f"?{parameter.name} - {parameter.type_text}" for parameter in parameters)
 
 
@@ -124,7 +124,7 @@ def _listed(opening: str, parts: tuple[_Piece, ...]) -> list[_Piece]:
 
 
 def _together(effects: tuple[Effect, ...]) -> list[_Piece]:
-    """Several effects are joined by one ``and``."""
+    """Join several effects by one ``and``."""
     return [effects[0]] if len(effects) == 1 else _listed("(and", effects)
 
 

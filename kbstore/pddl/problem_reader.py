@@ -1,4 +1,4 @@
-"""Problems: from PDDL text to the items of a knowledge base, each with its place."""
+"""Reads problems, from PDDL text to the items of a knowledge base, each with its place."""
 
 import os
 from collections.abc import Mapping, Sequence
@@ -34,11 +34,11 @@ _SECTIONS = (
 )
 
 MAX_VIOLATIONS = 1000
-"""A file in which so much is wrong is not read to its end."""
+"""A file with so many violations is not read to its end."""
 
 
 class SourcePositions(Sequence[tuple[int, int]]):
-    """The line and the column of each of some items, found when asked for."""
+    """The line and the column of each item of a list, computed when asked for."""
 
     def __init__(self, source: SourceText, offsets: Sequence[int]) -> None:
         self._source = source
@@ -87,7 +87,7 @@ def read_problem(source: str | os.PathLike[str] | SourceText, domain: Domain | N
 
     Raises:
         PddlSyntaxError: with the place, for what cannot be read, and for a problem of another domain.
-        InvalidKnowledge: for what does not fit the domain or the declared objects; all of it (up to
+        InvalidKnowledge: with everything that does not fit the domain or the declared objects (up to
             `MAX_VIOLATIONS`), each with its place.
     """
     text = SourceText.open(source)
@@ -153,7 +153,7 @@ class _ProblemReader:
         return name
 
     def _objects(self, section: Group) -> tuple[list[Instance], list[int]]:
-        """The objects that are declared; from here on the scope knows them, and the domain's constants."""
+        """Read the declared objects; from here on the scope knows them, and the domain's constants."""
         scope = self.scope
         constants = scope.domain.constant_types if scope.domain else {}
         known: dict[str, str] = {}

@@ -1,4 +1,4 @@
-"""Queries: conditions whose free variables are asked for (rule V11)."""
+"""Reads queries: conditions whose free variables are asked for (rule V11)."""
 
 from collections.abc import Iterable
 from typing import NamedTuple
@@ -27,7 +27,7 @@ class Query(NamedTuple):
 
 
 def parse_query(text: str, domain: Domain | None = None) -> Query:
-    """Return the query that a text is: a condition, where a free variable may have a type at its first occurrence.
+    """Read a query: a condition in which a free variable may have a type at its first occurrence.
 
     ``(not (visited ?w - waypoint))`` asks for waypoints, and ``?w - waypoint`` for all of them. Raises what
     `kbstore.pddl.parse.parse_condition` raises.
@@ -46,7 +46,7 @@ def parse_query(text: str, domain: Domain | None = None) -> Query:
 
 
 def query_of(condition: Formula) -> Query:
-    """Return the query that a condition is; none of its variables has a type."""
+    """Return the query for the free variables of a condition, none of which has a type."""
     found: dict[str, FreeVariable] = {}
     for node, _, scope in walk(condition, {}):
         for argument in _arguments(node):
@@ -56,14 +56,14 @@ def query_of(condition: Formula) -> Query:
 
 
 class _Finder:
-    """Finds the free variables of a group, and takes their types out of it."""
+    """Finds the free variables of a group, and removes their types from it."""
 
     def __init__(self, context: Scope) -> None:
         self.variables: dict[str, FreeVariable] = {}
         self._context = context
 
     def read(self, group: Group, bound: frozenset[str] = frozenset()) -> Group:
-        """The group with every type of a free variable left out."""
+        """Return the group without the types of free variables."""
         first = group[1] if group.word(0) in ("exists", "forall") and len(group) == 3 else None
         if isinstance(first, Group):
             own = {key(word[1:]) for word in first if isinstance(word, str) and word[:1] == "?"}
@@ -84,7 +84,7 @@ class _Finder:
             if index + 1 < len(group) and group[index] == "-":
                 types = self._types(group, index + 1)
                 if _is_typed(group):
-                    # ?w - waypoint as a condition: the type is what it says
+                    # as a condition of its own, ?w - waypoint asks for the type
                     kept += group[index : index + 2]
                 index += 2
             self.variables.setdefault(key(node[1:]), FreeVariable(node[1:], types))

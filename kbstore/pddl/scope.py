@@ -41,15 +41,15 @@ class Scope:
     _fits: dict[tuple[tuple[str, ...], tuple[str, ...], bool], bool] = field(default_factory=dict)
 
     def error(self, problem: str, group: Group, index: int | None = None) -> PddlSyntaxError:
-        """The refusal of what is not PDDL, with its place: of a group, or of its child of that index."""
+        """Return the error for text that is not PDDL, with its place: a group, or its child at an index."""
         return self.source.error(problem, self.source.offset(group, index))
 
     def diagnose(self, kind: type[KbStoreError], problem: str, group: Group, index: int | None = None) -> None:
-        """Report what is PDDL but does not fit; in a question it is raised at once."""
+        """Report what is PDDL but does not fit; without `report`, as for questions, raise it at once."""
         self.diagnose_at(kind, problem, -1 if self.report is None else self.source.offset(group, index))
 
     def diagnose_at(self, kind: type[KbStoreError], problem: str, offset: int) -> None:
-        """Report what does not fit at an offset."""
+        """Report what does not fit, at an offset of the text."""
         self.diagnosed += 1
         if self.report is None:
             raise kind(bounded(problem))
@@ -58,7 +58,7 @@ class Scope:
     # -- words ------------------------------------------------------------------------------------------------
 
     def name(self, group: Group, index: int, what: str) -> str:
-        """The word at a place, as written: the name of `what` ("predicate"), which has to be there."""
+        """Return the word at a place, as written: the name of a `what` ("predicate"). Raises `PddlSyntaxError`."""
         if index >= len(group):
             raise self.error(f"the name of the {what} is missing", group, index)
         node = group[index]
@@ -67,7 +67,7 @@ class Scope:
         return node
 
     def words(self, group: Group, start: int) -> tuple[str, ...]:
-        """The words of a group from a place on: names of objects or variables."""
+        """Return the words of a group from a place on, names of objects or variables. Raises `PddlSyntaxError`."""
         for index in range(start, len(group)):
             if isinstance(group[index], Group):
                 raise self.error(
@@ -89,7 +89,7 @@ class Scope:
         return key(node.word(0)) in self.domain.object_fluents
 
     def object_term(self, term: Group, variables: Variables, depth: int = 0) -> str:
-        """The text of an object fluent's term, after its arguments have been checked."""
+        """Check the arguments of an object fluent's term, and return it as text."""
         if depth > _MAX_TERMS:
             raise self.error(f"terms nested deeper than {_MAX_TERMS} levels cannot be read", term)
         signature = self.domain.object_fluents[key(term.word(0))].signature if self.domain else None
@@ -98,7 +98,7 @@ class Scope:
     # -- symbols ----------------------------------------------------------------------------------------------
 
     def predicate(self, name: str, group: Group) -> Signature | None:
-        """The predicate of that name; None, and reported, if the domain has none."""
+        """Return the predicate of that name; if the domain has none, report it and return None."""
         if self.domain is None:
             return None
         found = self.domain.predicate_signatures.get(key(name))
@@ -118,7 +118,7 @@ class Scope:
         return found
 
     def function(self, name: str, group: Group, index: int | None = 0) -> Signature | None:
-        """The numeric function of that name; None, and reported, if the domain has none."""
+        """Return the numeric function of that name; if the domain has none, report it and return None."""
         if self.domain is None:
             return None
         found = self.domain.function_signatures.get(key(name))
@@ -140,7 +140,7 @@ class Scope:
         return self.domain is not None and key(name) in self.domain.predicate_signatures
 
     def is_function(self, name: str) -> bool:
-        """Return whether the domain knows the name as that of a numeric function, and of nothing else."""
+        """Return whether a name is that of a numeric function of the domain, and not of a predicate as well."""
         return (
             self.domain is not None
             and key(name) in self.domain.function_signatures
@@ -159,7 +159,7 @@ class Scope:
         return self.objects is not None and key(word) in self.objects
 
     def type_name(self, name: str, group: Group, index: int) -> str:
-        """A type in the domain's spelling; an unknown one is reported."""
+        """Return a type in the domain's spelling; report an unknown one, and return it as written."""
         if self.domain is None:
             return name
         if not self.domain.knows_type(name):
@@ -170,11 +170,11 @@ class Scope:
         return self.domain.type_spelling(name)
 
     def knows_type(self, name: str) -> bool:
-        """Return whether a word is certainly a type."""
+        """Return whether a word is a type of the domain."""
         return self.domain is not None and self.domain.knows_type(name)
 
     def unglued(self, group: Group) -> Group:
-        """The group, with a variable split off that is glued to its predicate, as in ``(aircraft?a)``."""
+        """Return a group with its variable split off the predicate where both are glued, as in ``(aircraft?a)``."""
         head = group.word(0)
         if "?" not in head[1:] or self.domain is None or self.is_predicate(head):
             return group
@@ -198,8 +198,8 @@ class Scope:
     ) -> Atom:
         """Read an atom, and check its arguments against the signature.
 
-        Where it is `asserted`, in an effect, a variable has to be of the parameter's type; where it is asked, it may
-        be of a type above, as some of its values may fit.
+        If it is `asserted`, as in an effect, a variable has to be of the parameter's type. In a condition it may be of
+        a type above, as some of its values may fit.
         """
         atom = Atom(str(group[0]), self._arguments(group, variables, depth))
         wrong = arity_problem(atom, signature) if signature is not None else None
@@ -265,7 +265,7 @@ def _fit(domain: Domain, types: tuple[str, ...], wanted: tuple[str, ...], assert
 
 
 def fail_at_once(source: SourceText) -> Report:
-    """A `Report` for texts in which nothing may be amiss: raises `PddlSyntaxError` with the place."""
+    """Return a `Report` that raises `PddlSyntaxError`, with the place, for the first thing that does not fit."""
 
     def report(_kind: type[KbStoreError], problem: str, offset: int) -> None:
         raise source.error(problem, offset)

@@ -27,8 +27,8 @@ _SENTENCE = 1000
 class Group(list["str | Group"]):
     """A list in brackets: words, as written, and inner groups.
 
-    `start` is the opening bracket's offset; -1 for the whole of a text, and the word's for a word that stands for a
-    group of its own. Words carry no offset of their own: `Source.offset` finds it again when a report needs it.
+    `start` is the offset of the opening bracket; -1 for a whole text, and the word's offset for a word that is read as
+    a group of its own. Words carry no offset: `SourceText.offset` finds it again when a report needs it.
     """
 
     __slots__ = ("start",)
@@ -36,9 +36,13 @@ class Group(list["str | Group"]):
     start: int
 
     def word(self, index: int) -> str:
-        """The word at a place in lower case, as keywords are compared; empty if there is no word."""
+        """Return the word at a place in lower case, as keywords are compared; empty if there is no word."""
         node = self[index] if index < len(self) else ""
         return node.lower() if isinstance(node, str) else ""
+
+    def is_flat(self) -> bool:
+        """Return whether there are words only, and no inner groups."""
+        return all(isinstance(node, str) for node in self)
 
 
 Node = str | Group
@@ -56,7 +60,10 @@ class SourceText:
 
     @classmethod
     def open(cls, source: "str | os.PathLike[str] | SourceText") -> "SourceText":
-        """The text itself if it is PDDL (it contains a bracket), otherwise what the file of that name holds."""
+        """Return the text itself if it is PDDL (it contains a bracket), otherwise the content of the file of that name.
+
+        Raises `PddlSyntaxError` for a file that cannot be read, and for characters that cannot be stored.
+        """
         if isinstance(source, SourceText):
             return source
         if not isinstance(source, str | os.PathLike):
@@ -78,14 +85,14 @@ class SourceText:
             return cls(content.decode("latin-1"), name)._checked()
 
     def _checked(self) -> "SourceText":
-        """Return the text itself. Raises `PddlSyntaxError` for a character that no store keeps, also in a comment."""
+        """Return the text itself. Raises `PddlSyntaxError` for a character that cannot be stored, also in a comment."""
         place = unstorable(self.text)
         if place is not None:
             raise self.error(f"the character {self.text[place]!r} cannot be stored; leave it out", place)
         return self
 
     def place(self, offset: int) -> tuple[int, int]:
-        """The line and the column of an offset, both counted from 1."""
+        """Return the line and the column of an offset, both counted from 1."""
         line = bisect_right(self._line_starts, offset)
         return line, offset - self._line_starts[line - 1] + 1
 
@@ -104,7 +111,7 @@ class SourceText:
         return self._offsets
 
     def error(self, problem: str, offset: int) -> PddlSyntaxError:
-        """The refusal of the text at an offset."""
+        """Return the error for the text at an offset."""
         line, column = self.place(offset)
         problem = bounded(problem)
         begin = offset - column + 1
@@ -112,7 +119,7 @@ class SourceText:
         return PddlSyntaxError(problem, line, column, self.name, self.text[begin:end].rstrip("\r\n"))
 
     def diagnosis(self, problem: str, offset: int) -> str:
-        """The same as a sentence: the place, the problem, and the line (of a long one, a part) with a mark."""
+        """Return the error's text: the place, the problem, and the line, or the part of a long one, with a mark."""
         line, column = self.place(offset)
         begin = max(offset - column + 1, offset - _SHOWN // 2)
         end = _LINE_END.search(self.text, begin, begin + _SHOWN)
@@ -162,7 +169,7 @@ class SourceText:
         return [0, *(end.end() for end in _LINE_END.finditer(self.text))]
 
     def _unclosed(self, unclosed: list[Group]) -> PddlSyntaxError:
-        """The refusal of a text that ends too early, at the section that swallowed the next one if there is one."""
+        """Return the error for a text that ends too early, at the section that swallowed the next one, if any."""
         for section in unclosed[0]:
             if isinstance(section, Group) and section.word(0).startswith(":"):
                 for inner in section:
@@ -177,12 +184,12 @@ class SourceText:
 
 
 def bounded(sentence: str) -> str:
-    """A sentence, cut off where a hostile name makes it very long."""
+    """Cut off a sentence that a hostile name makes very long."""
     return sentence if len(sentence) <= _SENTENCE else sentence[:_SENTENCE] + " ..."
 
 
 def node_text(node: Node, limit: int | None = None) -> str:
-    """A node as text with single spaces; of what is longer than `limit` characters, the beginning."""
+    """Write a node as text with single spaces, cut off after `limit` characters."""
     pieces: list[str] = []
     size = 0
     is_whole_text = isinstance(node, Group) and node.start < 0
@@ -205,12 +212,12 @@ def node_text(node: Node, limit: int | None = None) -> str:
 
 
 def _is_file(path: str) -> bool:
-    """Return whether a text with a bracket in it is the path of a file after all."""
+    """Return whether a text, although it has a bracket, is the path of a file."""
     return len(path) < 4096 and "\n" not in path and "\0" not in path and os.path.isfile(path)
 
 
 def _child_offsets(code: str, start: int) -> list[int]:
-    """The offsets of a group's children, and at the end of its closing bracket (or of the end of the text)."""
+    """Return the offsets of a group's children, and last of its closing bracket (or of the end of the text)."""
     offsets: list[int] = []
     depth = 0 if start >= 0 else 1
     for token in _CHILD.finditer(code, max(start, 0)):

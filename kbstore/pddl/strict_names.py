@@ -1,4 +1,4 @@
-"""PDDL texts with names that every planner reads, in the place of those that some do not (rule P5)."""
+"""Replaces names in PDDL texts that some planners do not read by names that every planner reads (rule P5)."""
 
 import re
 from collections.abc import Iterator, Mapping
@@ -24,7 +24,7 @@ RESERVED = frozenset(
         *ASSIGNMENTS,
     )
 )
-"""Words of PDDL that some parser takes for keywords in any place."""
+"""Words of PDDL that some parser takes for keywords anywhere."""
 
 
 @dataclass(frozen=True)
@@ -33,8 +33,7 @@ class StrictPddl:
 
     Attributes:
         text: The domain or the problem.
-        names: What each replaced name stands for: from the name in the text to the knowledge base's own, for
-            `read_plan`.
+        names: The replaced names, for `read_plan`: from the name in the text to the knowledge base's own.
     """
 
     text: str
@@ -56,14 +55,14 @@ def identifier(name: str) -> str:
 
 
 def strict_domain(domain: Domain) -> StrictPddl:
-    """The domain as it was loaded, in names that every planner reads."""
+    """Return the domain as it was loaded, in names that every planner reads."""
     return _renamed(domain.source, domain, _used_in(domain.source, domain))
 
 
 def strict_problem(text: str, domain: Domain | None) -> StrictPddl:
-    """The problem in names that every planner reads, the same ones as in its domain.
+    """Return the problem in names that every planner reads, the same ones as in its domain.
 
-    A name that is replaced becomes the same one in every problem and domain, unless that is in use.
+    A name has the same replacement in every problem and domain, unless that is in use.
     """
     names = _used_in(text, domain)
     if domain is not None:
@@ -72,7 +71,7 @@ def strict_problem(text: str, domain: Domain | None) -> StrictPddl:
 
 
 def _used_in(text: str, domain: Domain | None) -> dict[str, str]:
-    """The names in a text as they are first spelled, by their keys."""
+    """Return the names in a text as they are first spelled, by their keys."""
     names: dict[str, str] = {}
     for _, name in _Names(SourceText(text), domain).places():
         names.setdefault(key(name), name)
@@ -87,15 +86,15 @@ def _renamed(text: str, domain: Domain | None, used: Mapping[str, str]) -> Stric
         if key(name) in new:
             pieces += [text[end:offset], new[key(name)]]
             end = offset + len(name)
-    # what is left of other characters is in comments, at which some planners fail, too
+    # other characters remain in comments only, where some planners fail, too
     written = "".join([*pieces, text[end:]]).encode("ascii", "replace").decode()
     return StrictPddl(written, {strict: used[name_key] for name_key, strict in new.items()})
 
 
 def _replacements(used: Mapping[str, str]) -> dict[str, str]:
-    """A name for each of those that not every planner reads, by their keys: what it has of letters, and a digest.
+    """Return a replacement for each name that not every planner reads, by their keys: its letters and a digest.
 
-    The digest makes it independent of the other names in use; only where it is taken, the digest gets longer.
+    The digest makes the replacement independent of other names; it gets longer only if the replacement is taken.
     """
     new: dict[str, str] = {}
     taken = set(used)
@@ -109,7 +108,7 @@ def _replacements(used: Mapping[str, str]) -> dict[str, str]:
 
 
 Place = tuple[int, str]
-"""The offset of a name, and the name; of a variable without its ``?``."""
+"""The offset of a name, and the name; a variable's without its ``?``."""
 
 
 class _Names:
@@ -122,7 +121,7 @@ class _Names:
         self._conditions = ConditionReader(self._scope)
 
     def places(self) -> Iterator[Place]:
-        """Each name with its place, in no order."""
+        """Yield each name with its place, in no order."""
         for whole in self._source.read():
             for section in whole[1:] if isinstance(whole, Group) else ():
                 if isinstance(section, Group):
@@ -160,7 +159,7 @@ class _Names:
                         yield from self._formula(node)
 
     def _formula(self, formula: Group) -> Iterator[Place]:
-        """The names in a condition, an effect or an expression, without recursion."""
+        """Yield the names in a condition, an effect or an expression, without recursion."""
         todo = [formula]
         while todo:
             group = todo.pop()
@@ -182,7 +181,7 @@ class _Names:
             todo += reversed(parts)
 
     def _word(self, group: Group, index: int, prefix: str = "?") -> Iterator[Place]:
-        """The name at a place, without a prefix; none where PDDL's own word is there."""
+        """Yield the name at a place, without a prefix, unless it is one of PDDL's own words."""
         word = group[index] if index < len(group) else ""
         if isinstance(word, str) and (key(word) not in _SPECIAL or self._scope.is_function(word)):
             name = word.removeprefix(prefix)
@@ -190,7 +189,7 @@ class _Names:
                 yield self._source.offset(group, index) + len(word) - len(name), name
 
     def _typed(self, group: Group, start: int, *, is_of_types: bool = False) -> Iterator[Place]:
-        """The names and the types of a typed list, but for the type ``object``, which is PDDL's own."""
+        """Yield the names and the types of a typed list, except the type ``object``, which is PDDL's own."""
         seen = {-1}
         for typed in read_typed_list(self._scope, group, start):
             if not (is_of_types and key(typed.name) == ROOT_TYPE):

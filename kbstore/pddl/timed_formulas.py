@@ -1,4 +1,4 @@
-"""The conditions and effects of durative actions, each with its moment."""
+"""Reads the conditions and effects of durative actions, each with the part of the action that it belongs to."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -30,14 +30,14 @@ _MOMENTS = {("at", "start"): Timing.AT_START, ("over", "all"): Timing.OVER_ALL, 
 
 @dataclass
 class TimedReader:
-    """Reads what a durative action says of its start, its course and its end."""
+    """Reads conditions and effects ``at start``, ``over all`` and ``at end``."""
 
     scope: Scope
     conditions: ConditionReader
     effects: EffectReader
 
     def read_conditions(self, group: Group, variables: Variables, depth: int = 0) -> Iterator[TimedCondition]:
-        """Read conditions, conjunctions split into their parts. Raises `PddlSyntaxError`, or reports misfits."""
+        """Read conditions; conjunctions are split. Raises `PddlSyntaxError`; reports symbols that do not fit."""
         self.effects.check_depth(group, depth)
         if not group:
             return
@@ -71,7 +71,7 @@ class TimedReader:
             )
 
     def read_effects(self, group: Group, variables: Variables, depth: int = 0) -> Iterator[TimedEffect]:
-        """Read effects; a continuous one is of `Timing.OVER_ALL`. Raises `PddlSyntaxError`, or reports misfits."""
+        """Read effects, continuous ones as `Timing.OVER_ALL`. Raises `PddlSyntaxError`; reports misfitting symbols."""
         self.effects.check_depth(group, depth)
         if not group:
             return
@@ -114,7 +114,7 @@ class TimedReader:
     def _when(
         self, group: Group, timing: Timing, conditions: Sequence[TimedCondition], parts: tuple[Effect, ...]
     ) -> Effect:
-        """The effects of one moment on conditions of that moment, of the start, or of both."""
+        """Return the conditional effect of one part on conditions of that part, of the start, or of both."""
         self._check_known(group, timing, [when for when, _ in conditions])
         own = [part for when, part in conditions if when is timing]
         at_start = [part for when, part in conditions if when is not timing]
@@ -123,14 +123,14 @@ class TimedReader:
         return WhenAtStart(_joined(at_start), (When(_joined(own), parts),) if own else parts)
 
     def _check_known(self, group: Group, timing: Timing, asked: Sequence[Timing]) -> None:
-        """Refuse conditions of moments about which nothing is known when the effect happens."""
+        """Refuse conditions of parts whose truth is not known when the effect happens."""
         for other in asked:
             if other in (timing, Timing.AT_START):
                 continue
             if timing is Timing.AT_END:
                 raise self.scope.error(
-                    "an effect at end that depends on a condition over all cannot be read: whether it held all the "
-                    "while is not kept; ask for it at start, at end, or at both",
+                    "an effect at end that depends on a condition over all cannot be read: whether it held throughout "
+                    "is not recorded; ask for it at start, at end, or at both",
                     group,
                 )
             effect = "a continuous effect" if timing is Timing.OVER_ALL else "an effect at start"
@@ -141,7 +141,7 @@ class TimedReader:
             )
 
     def _timing(self, group: Group) -> Timing | None:
-        """The part of an action that ``(at start (p))`` names; None for anything else, like ``(at kenny wp0)``."""
+        """Return the part that ``(at start (p))`` names; None for anything else, like ``(at kenny wp0)``."""
         timing = _MOMENTS.get((group.word(0), group.word(1)))
         return timing if len(group) > 2 and isinstance(group[2], Group) else None
 

@@ -1,4 +1,4 @@
-"""Typed lists: ``?r - robot ?from ?to - waypoint``, in all the spellings of real files."""
+"""Reads typed lists, ``?r - robot ?from ?to - waypoint``, in all the spellings of real files."""
 
 from collections.abc import Iterator
 from typing import NamedTuple
@@ -22,10 +22,10 @@ class Typed(NamedTuple):
 
 
 def read_typed_list(scope: Scope, group: Group, start: int) -> Iterator[Typed]:
-    """Each name of a typed list with its types.
+    """Yield each name of a typed list with its types.
 
-    Reads ``- type`` also where it is glued to a name: ``?x -type``, and ``wp0- waypoint`` where what follows can
-    only be a type. Raises `PddlSyntaxError`.
+    Reads ``- type`` also where it is glued: ``?x -type``, and ``wp0- waypoint`` if the next word can only be a type.
+    Raises `PddlSyntaxError`.
     """
     pending: list[tuple[int, str]] = []
     index = start
@@ -48,7 +48,7 @@ def read_typed_list(scope: Scope, group: Group, start: int) -> Iterator[Typed]:
         index += 1
         if types is not None:
             if not pending and not _begins_line(scope, group, index - 2):
-                raise scope.error("'-' says the type of the names before it, but there are none", group, index - 2)
+                raise scope.error("'-' gives the type of the names before it, but there are none", group, index - 2)
             yield from (Typed(place, name, types, index - 1) for place, name in pending)
             pending.clear()
     yield from (Typed(place, name) for place, name in pending)
@@ -73,7 +73,7 @@ def read_parameters(scope: Scope, group: Group, start: int = 0, *, positional: b
 
 
 def bound(variables: Variables, parameters: tuple[Parameter, ...]) -> Variables:
-    """The variables with some more that are bound."""
+    """Return the bound variables together with more, which parameters bind."""
     return {**variables, **{key(parameter.name): parameter.types for parameter in parameters}}
 
 

@@ -1,4 +1,4 @@
-"""Problems as PDDL text, which reads back to an equal state (rules P2 and O4)."""
+"""Writes problems as PDDL text, which reads back to an equal state (rules P2 and O4)."""
 
 from collections.abc import Container, Iterable, Iterator, Sequence
 from typing import Protocol
@@ -74,11 +74,11 @@ class StateLike(Protocol):
 
     @property
     def constraints(self) -> Sequence[str]:
-        """The constraints on the plan's course, and what is kept of the initial state, in PDDL."""
+        """The trajectory constraints, and the parts of the initial state that are stored as text, in PDDL."""
 
     @property
     def timed_constraints(self) -> Sequence[tuple[int, str]]:
-        """The constraints of later times, in PDDL."""
+        """The parts of the initial state that are stored as text and belong to later times, each with its time."""
 
     @property
     def timed_knowledge(self) -> Sequence[KnowledgeItem]:
@@ -90,16 +90,15 @@ class StateLike(Protocol):
 
     @property
     def end_effects(self) -> Sequence[tuple[int, KnowledgeItem, RunningActionLike]]:
-        """The changes that are expected of them: time, item, run."""
+        """The expected changes at the ends of running actions: time, item, run."""
 
 
 def write_problem(state: StateLike, *, explicit_negatives: bool = False) -> str:
     """Write the planning problem of a state.
 
     Numbers are exact and have no exponent. Timed knowledge, and the end effects of what runs, are timed-initial
-    literals and fluents in seconds from the state's time. What PDDL has no words for (rates, scheduled objects and
-    what is to be said of them, recorded inequalities) is written as comments; explicit negatives are left out unless
-    asked for.
+    literals and fluents in seconds from the state's time. What PDDL cannot express (rates, scheduled objects and facts
+    about them, recorded inequalities) is written as comments; explicit negatives are left out unless asked for.
     """
     lines = [
         f"(define (problem {_problem_name(state.name)})",
@@ -125,19 +124,19 @@ def write_problem(state: StateLike, *, explicit_negatives: bool = False) -> str:
 
 
 def write_domain(domain: Domain) -> str:
-    """The domain as it was loaded."""
+    """Write the domain as it was loaded."""
     return domain.source
 
 
 def _problem_name(name: str) -> str:
-    """The name of the knowledge base, as far as it can be a name in PDDL."""
+    """Return the name of the knowledge base, as far as it can be a name in PDDL."""
     return name if is_strict(name) else identifier(name) or "problem"
 
 
 def _objects(instances: Iterable[Instance]) -> Iterator[str]:
-    """The objects by type; where no object has a type, their names alone, which untyped domains expect.
+    """Write the objects by type; if none has a type, their names alone, which untyped domains expect.
 
-    A name that begins or ends with '-' is on a line of its own, where it cannot be taken for a type's mark.
+    A name that begins or ends with '-' is on a line of its own, where it cannot be read as the mark before a type.
     """
     by_type: dict[str, list[str]] = {}
     for instance in instances:
@@ -170,13 +169,13 @@ def _timed(state: StateLike) -> Iterator[str]:
 
 
 def _declared(state: StateLike) -> dict[str, str]:
-    """The types of the objects that the problem declares, and of constants; all as keys."""
+    """Return the types of the objects that the problem declares, and of constants; all as keys."""
     types = {key(instance.instance_name): key(instance.instance_type) for instance in state.instances}
     return types | (state.domain.constant_types if state.domain else {})
 
 
 def _timed_line(item: KnowledgeItem, offset: int, declared: Container[str] | None) -> Iterator[str]:
-    """A timed literal or fluent; what can be neither, as a comment. Without a domain, nothing has to be `declared`."""
+    """Write a timed literal or fluent, or else a comment. Without a domain, objects need not be `declared`."""
     seconds = _seconds(max(0, offset))
     if isinstance(item, Fact | Function) and (declared is None or all(key(a) in declared for a in item.arguments)):
         yield f"    (at {seconds} {item})"
@@ -187,7 +186,7 @@ def _timed_line(item: KnowledgeItem, offset: int, declared: Container[str] | Non
 
 
 def _running(state: StateLike) -> Iterator[str]:
-    """The end effects of each action that runs, after a comment that names it (rule O4)."""
+    """Write the end effects of each action that runs, after a comment that names it (rule O4)."""
     declared = _declared(state) if state.domain else None
     for run in state.running:
         action = f"({' '.join((run.operator, *run.arguments))})"
@@ -204,7 +203,7 @@ def _comments(label: str, items: Iterable[KnowledgeItem]) -> Iterator[str]:
 
 
 def _section(keyword: str, parts: Sequence[str], *, always: bool = False) -> Iterator[str]:
-    """A section with one condition: the conjunction of its parts."""
+    """Write a section with one condition: the conjunction of its parts."""
     if len(parts) == 1:
         yield f"  (:{keyword} {parts[0]})"
     elif parts or always:
@@ -215,6 +214,6 @@ def _section(keyword: str, parts: Sequence[str], *, always: bool = False) -> Ite
 
 
 def _seconds(nanoseconds: int) -> str:
-    """Seconds as decimal text, exact to the nanosecond."""
+    """Write nanoseconds as seconds, in decimals, exact to the nanosecond."""
     whole, rest = divmod(nanoseconds, SECOND)
     return f"{whole}.{rest:09d}".rstrip("0").rstrip(".")
