@@ -1,4 +1,4 @@
-"""The variables of a formula, and the objects that replace them."""
+"""Replaces the variables of formulas by objects."""
 
 from collections.abc import Mapping
 
@@ -14,22 +14,22 @@ Pattern = tuple[str | None, ...]
 
 
 def keyed(bindings: Bindings) -> dict[str, str]:
-    """Bindings as given by a caller, in the form of keys."""
+    """Return a caller's bindings as keys."""
     return {key(variable.removeprefix("?")): key(name) for variable, name in bindings.items()}
 
 
 def term(argument: str, bindings: Bindings) -> str | None:
-    """The object of an argument, as a key; None if it is a wildcard or a variable without a binding."""
+    """Return the object of an argument, as a key; None if it is a wildcard or a variable without a binding."""
     return bindings.get(key(argument[1:])) if is_wildcard(argument) else key(argument)
 
 
 def pattern(atom: Atom, bindings: Bindings) -> Pattern:
-    """The arguments of an atom as keys, with None for those that match any object."""
+    """Return the arguments of an atom as keys, with None for those that match any object."""
     return tuple(term(argument, bindings) for argument in atom.arguments)
 
 
 def instantiated(condition: Formula, bindings: Bindings) -> Formula:
-    """Return the condition with objects for its free variables; what a quantifier binds itself is left alone."""
+    """Return a condition with objects for its free variables, but not for those that a quantifier in it binds."""
     if not bindings:
         return condition
     match condition:
@@ -38,7 +38,8 @@ def instantiated(condition: Formula, bindings: Bindings) -> Formula:
         case Same(left, right):
             return Same(_argument(left, bindings), _argument(right, bindings))
         case Comparison(comparison, left_side, right_side):
-            return Comparison(comparison, _expression(left_side, bindings), _expression(right_side, bindings))
+            sides = (instantiated_expression(side, bindings) for side in (left_side, right_side))
+            return Comparison(comparison, *sides)
         case Defined(function):
             return Defined(instantiated_atom(function, bindings))
         case IsA(name, type_name):
@@ -54,9 +55,10 @@ def _argument(argument: str, bindings: Bindings) -> str:
 
 
 def instantiated_atom(atom: Atom, bindings: Bindings) -> Atom:
-    """The atom with objects for its variables; names stay as they are written."""
+    """Return an atom with objects for its variables; names stay as they are written."""
     return Atom(atom.name, tuple([_argument(argument, bindings) for argument in atom.arguments]))
 
 
-def _expression(expression: NumericExpression, bindings: Bindings) -> NumericExpression:
+def instantiated_expression(expression: NumericExpression, bindings: Bindings) -> NumericExpression:
+    """Return an expression with objects for its variables; names stay as they are written."""
     return tuple([instantiated_atom(token, bindings) if isinstance(token, Atom) else token for token in expression])

@@ -1,1 +1,1 @@
-"""Operators: grounded, checked, their effects, and the state that they are expected to lead to; pure."""
+"""Operators: grounding, applicability, effects, and the states that they are expected to lead to; no database."""

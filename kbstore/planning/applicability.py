@@ -16,9 +16,9 @@ from kbstore.planning.grounding import GroundAction
 def failing(
     ground: GroundAction, timing: Timing, world: Interpretation, *, duration: float | None = None
 ) -> list[Failing]:
-    """The conditions of a moment that are not true in the world.
+    """Return the conditions of a part of an action that are not true in the world.
 
-    Conjunctions are split, and parameters replaced by objects, so that each condition says what is missing.
+    Conjunctions are split, and parameters replaced by objects, so that each condition names what is missing.
     `duration`, in seconds, is the value of ``?duration``.
     """
     pairs = judged(ground.conditions(timing), world, duration)
@@ -26,7 +26,7 @@ def failing(
 
 
 def judged(conditions: Iterable[Formula], world: Interpretation, duration: float | None = None) -> list[Failing]:
-    """Conditions with their truth values in the world."""
+    """Return conditions with their truth values in the world."""
     evaluation = Evaluation(world, duration=duration)
     return [(condition, evaluation.truth(condition)) for condition in conditions]
 
@@ -39,13 +39,13 @@ def unsatisfied(
     at_start: Effects | None = None,
     force: bool = False,
 ) -> list[Failing]:
-    """Everything that keeps an operator from being applied or started in the world; empty if it can be (rule O1).
+    """Return the conditions that keep an operator from being applied or started in the world (rule O1).
 
     The duration's constraints and the at-start conditions are evaluated on the world, the over-all conditions on the
-    world after the at-start effects. A number that the duration or an effect needs and that is not there is among what
-    fails, as ``Defined`` (or as ``(not (= divisor 0))``). `duration`, in seconds, is what the domain fixes unless it is
-    given; with `force` its constraints don't count. A caller that has seen the at-start conditions hold passes on the
-    effects `at_start` that it evaluated then.
+    world after the at-start effects. A missing number that the duration or an effect needs fails as ``Defined`` (or as
+    ``(not (= divisor 0))``). `duration`, in seconds, is the one that the domain fixes unless it is given; with `force`
+    its constraints don't count. A caller that has seen the at-start conditions hold passes on the effects `at_start`
+    that it evaluated then.
 
     Raises `InvalidKnowledge` where no condition fails, but the effects conflict with each other or overflow.
     """
@@ -73,14 +73,14 @@ def unsatisfied(
         needed = effects.lacking(ground, Timing.OVER_ALL, after, duration=duration, remembered=before)
         found += judged(needed, after, duration)
     except InvalidKnowledge:
-        # effects may conflict just where a condition forbids them, for instance a swap of a thing with itself
+        # effects may conflict where a condition forbids them anyway, for instance a swap of a thing with itself
         if not found:
             raise
     return found
 
 
 def _failing_without_duration(ground: GroundAction, world: Interpretation) -> list[Failing]:
-    """The at-start conditions that are not true where the fixed duration cannot be had."""
+    """Return the at-start conditions that are not true, where the fixed duration has no value."""
     evaluation = Evaluation(world)
     found: list[Failing] = []
     for condition in ground.conditions(Timing.AT_START):

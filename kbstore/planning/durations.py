@@ -10,12 +10,13 @@ from kbstore.clock import SECOND, TIME_LIMIT
 from kbstore.errors import DivisionByZero, InvalidKnowledge, InvalidTime, UndefinedFunction
 from kbstore.evaluation import expressions
 from kbstore.evaluation.interpretation import Interpretation
+from kbstore.evaluation.substitution import instantiated_expression
 from kbstore.messages import ComparisonType, SpecialType, Truth
 from kbstore.model.expressions import NumericExpression
 from kbstore.model.formulas import Comparison, Formula, Timing
 from kbstore.pddl.printer import condition_text
 from kbstore.planning import effects
-from kbstore.planning.grounding import GroundAction, with_objects
+from kbstore.planning.grounding import GroundAction
 
 MILLISECOND = 1_000_000
 
@@ -24,14 +25,14 @@ Failing = tuple[Formula, Truth]
 
 
 class Duration(NamedTuple):
-    """A duration: exactly in seconds, the value of ``?duration``, and rounded to the time after which an end is due."""
+    """A duration: exactly in seconds, the value of ``?duration``, and rounded to nanoseconds, for the expected end."""
 
     seconds: float
     nanoseconds: int
 
 
 def given_duration(given: clock.DurationLike) -> int:
-    """A caller's duration in nanoseconds: an int, a `timedelta` or a stamp.
+    """Return a caller's duration (an int of nanoseconds, a `timedelta` or a stamp) in nanoseconds.
 
     Raises `InvalidTime` for anything else, and for a bare number below a millisecond, which is meant as seconds.
     """
@@ -44,7 +45,7 @@ def given_duration(given: clock.DurationLike) -> int:
 
 
 def fixed_duration(ground: GroundAction, world: Interpretation) -> Duration | None:
-    """The duration that the domain fixes with ``(= ?duration ...)``; None if it does not.
+    """Return the duration that the domain fixes with ``(= ?duration ...)``; None if it does not.
 
     Raises `UndefinedFunction` or `DivisionByZero` where it cannot be evaluated, and `InvalidKnowledge` where it is
     negative or beyond the range of times.
@@ -62,10 +63,10 @@ def fixed_duration(ground: GroundAction, world: Interpretation) -> Duration | No
 
 
 def chosen_duration(ground: GroundAction, world: Interpretation, given: int | None) -> Duration:
-    """The duration of an action that starts: what the domain fixes, or what the caller gives, in nanoseconds.
+    """Return the duration of an action that starts: the one that the domain fixes, or the one `given`, in nanoseconds.
 
-    One that is given and agrees with the fixed one to a nanosecond is the fixed one (rule O7). Raises
-    `InvalidKnowledge` where the one is not fixed and the other not given, and as `fixed_duration` does.
+    If both agree to a nanosecond, it is the fixed one (rule O7). Raises `InvalidKnowledge` if there is neither, and
+    as `fixed_duration` does.
     """
     if given is None:
         fixed = fixed_duration(ground, world)
@@ -84,7 +85,7 @@ def chosen_duration(ground: GroundAction, world: Interpretation, given: int | No
 
 
 def failing_constraints(ground: GroundAction, timing: Timing, world: Interpretation, duration: float) -> list[Failing]:
-    """The constraints of a moment that do not allow a duration, in seconds, or of which that is unknown (rule O7).
+    """Return the constraints of a part of an action that do not allow a duration, in seconds, or are unknown (rule O7).
 
     A duration may be off by a nanosecond.
     """
@@ -100,7 +101,7 @@ def failing_constraints(ground: GroundAction, timing: Timing, world: Interpretat
 
 
 def without_value(ground: GroundAction, world: Interpretation) -> list[Formula]:
-    """Why constraints at the start have no value, or why the fixed duration is negative: conditions that fail."""
+    """Return why constraints at the start have no value, or the fixed duration is negative, as conditions that fail."""
     missing: list[Formula] = []
     for comparison, bound in _constraints(ground, Timing.AT_START):
         reasons = effects.without_value(bound, world)
@@ -111,10 +112,10 @@ def without_value(ground: GroundAction, world: Interpretation) -> list[Formula]:
 
 
 def _constraints(ground: GroundAction, timing: Timing) -> Iterator[tuple[ComparisonType, NumericExpression]]:
-    """The constraints on ``?duration`` of a moment, with the objects in their places."""
+    """Yield the constraints on ``?duration`` of a part of an action, with objects for its parameters."""
     for constraint in ground.action.duration:
         if constraint.timing is timing:
-            yield constraint.comparison, with_objects(constraint.bound, ground.spellings)
+            yield constraint.comparison, instantiated_expression(constraint.bound, ground.spellings)
 
 
 def _constraint(comparison: ComparisonType, bound: NumericExpression) -> Formula:

@@ -1,4 +1,4 @@
-"""Effects of an operator at one of its moments (rules O2 and O3), and the world after them."""
+"""Effects of an operator at its start, at its end, or over all of it (rules O2, O3), and the world after them."""
 
 import math
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
@@ -55,7 +55,7 @@ class Rate(NamedTuple):
 
 @dataclass(frozen=True)
 class Effects:
-    """The effects of one moment. Names are keys; no atom is both deleted and added."""
+    """The effects of one part of an action. Names are keys; no atom is both deleted and added."""
 
     deletes: tuple[Atom, ...] = ()
     adds: tuple[Atom, ...] = ()
@@ -63,7 +63,7 @@ class Effects:
     rates: tuple[Rate, ...] = ()
 
     def written(self, domain: Domain) -> "Effects":
-        """Return the effects without those on what is sensed, which are left to sensors (rule O8)."""
+        """Return the effects without those on sensed facts and functions, which are left to sensors (rule O8)."""
         sensed = domain.sensed
         return Effects(
             tuple(atom for atom in self.deletes if atom.name not in sensed),
@@ -81,14 +81,14 @@ def evaluate(
     duration: float | None = None,
     remembered: Remembered = NOTHING,
 ) -> Effects:
-    """The effects of a moment, every condition and right-hand side of which is evaluated on `world`.
+    """Return the effects of a part of an action, with every condition and right-hand side evaluated on `world`.
 
-    Atoms that are both deleted and added are added. Continuous effects are those of `Moment.OVER_ALL`; the rates of
-    several on one function are summed. `duration`, in seconds, is the value of ``?duration``. Of the conditions at
-    start of later effects, those in `remembered` were true (`kbstore.planning.start_conditions`).
+    Atoms that are both deleted and added are added. Continuous effects are those of `Timing.OVER_ALL`; the rates of
+    several on one function are summed. `duration`, in seconds, is the value of ``?duration``. `remembered` has the
+    at-start conditions of later effects that were true (`kbstore.planning.start_conditions`).
 
-    All of it can be done on `world`: raises `UndefinedFunction` and `DivisionByZero` where a number cannot be had,
-    and `InvalidKnowledge` where two effects conflict or a number overflows.
+    Raises `UndefinedFunction` and `DivisionByZero` where a number has no value, and `InvalidKnowledge` where two
+    effects conflict or a number overflows; so what is returned can be carried out on `world`.
     """
     deletes: dict[Atom, None] = {}
     adds: dict[Atom, None] = {}
@@ -119,11 +119,11 @@ def evaluate(
 
 
 def resulting(changes: Iterable[NumericChange], number_at: Callable[[Atom], float | None]) -> dict[Atom, float]:
-    """The value of each changed function after the changes, from the values before them.
+    """Return the value of each changed function after the changes, from the values before them.
 
     The changes are simultaneous: their operands are numbers already, so that none reads what another one wrote. Several
     increases and decreases of one function add up, several scalings multiply, in the order given. Raises
-    `UndefinedFunction` for a change relative to a value that is not there, and `DivisionByZero`.
+    `UndefinedFunction` for a change relative to a function without a value, and `DivisionByZero`.
     """
     values: dict[Atom, float] = {}
     for change in changes:
@@ -141,10 +141,10 @@ def resulting(changes: Iterable[NumericChange], number_at: Callable[[Atom], floa
 def outcome(
     effects: Effects, world: Interpretation, own_rate: Callable[[Atom], float]
 ) -> Iterator[tuple[KnowledgeType, Atom, Value | None]]:
-    """Return the value that effects leave on each timeline: deletes before adds, then the numbers (rule O2).
+    """Yield the value that effects leave on each timeline, or None: deletes before adds, then numbers (rule O2).
 
-    None stands for what ends. `world` is the state before; `own_rate` gives the rate of a function, per second,
-    without what runs, which a change relative to its value keeps (rule C7).
+    `world` is the state before. `own_rate` returns the rate of a function, per second, without the part that running
+    actions add; a change relative to the function's value leaves it as it is (rule C7).
     """
     for atom, sign in _signs(effects, world):
         yield KnowledgeType.FACT, atom, None if sign is None else fact_value(is_negative=not sign)
@@ -155,12 +155,12 @@ def outcome(
 
 
 def _signs(effects: Effects, world: Interpretation) -> Iterator[tuple[Atom, bool | None]]:
-    """The sign of each fact that effects change: a delete makes it false with `use_unknowns`, else absent (rule O2)."""
+    """Yield the sign of each changed fact: a delete makes it false with `use_unknowns`, else absent (rule O2)."""
     for atom in effects.deletes:
         if world.use_unknowns:
             yield atom, False
         elif world.sign(atom.name, atom.arguments) is not False:
-            # an explicit falsehood is not a fact that a delete could remove (rule C4)
+            # a delete does not remove an explicitly false fact (rule C4)
             yield atom, None
     for atom in effects.adds:
         yield atom, True
@@ -174,9 +174,9 @@ def lacking(
     duration: float | None = None,
     remembered: Remembered = NOTHING,
 ) -> list[Formula]:
-    """Return what the numeric effects of a moment lack in `world`, as conditions that are not true there.
+    """Return what the numeric effects of a part of an action lack in `world`, as conditions that are not true there.
 
-    A function that is changed relative to its value has to be defined, and each right-hand side to have a value.
+    A function that is changed relative to its value has to be defined, and each right-hand side needs a value.
     """
     needs: dict[Formula, None] = {}
     for effect, bindings in _triggered(ground, timing, world, duration, remembered):
@@ -196,9 +196,9 @@ def lacking(
 def without_value(
     expression: NumericExpression, world: Interpretation, *, duration: float | None = None
 ) -> list[Formula]:
-    """Why a ground expression has no value in the world: what it reads is not ``Defined``, or a divisor is 0.
+    """Return why a ground expression has no value in the world: a function is not ``Defined``, or a divisor is 0.
 
-    The reasons are conditions that are not true in the world; there is none where the expression has a value.
+    The reasons are conditions that are not true in the world; there is none if the expression has a value.
     """
     undefined: list[Formula] = [
         Defined(function)
@@ -212,10 +212,10 @@ def without_value(
 
 
 class StateAfter:
-    """The world right after the effects of a moment, without copying it (an `Interpretation`).
+    """The world right after effects, without copying it (an `Interpretation`).
 
-    What a delete effect deletes is absent in a closed world, and explicitly false with `use_unknowns` (rule O2).
-    Continuous effects have not moved anything yet.
+    A deleted fact is absent in a closed world, and explicitly false with `use_unknowns` (rule O2). Continuous effects
+    have not moved anything yet.
     """
 
     def __init__(self, world: Interpretation, effects: Effects) -> None:
@@ -230,12 +230,12 @@ class StateAfter:
 
     @property
     def time(self) -> int:
-        """The moment, in nanoseconds."""
+        """The time, in nanoseconds."""
         return self._world.time
 
     @property
     def domain(self) -> Domain | None:
-        """The domain at that moment."""
+        """The domain at that time."""
         return self._world.domain
 
     @property
@@ -244,12 +244,12 @@ class StateAfter:
         return self._world.use_unknowns
 
     def sign(self, name: str, arguments: Arguments) -> bool | None:
-        """True where the fact is asserted, False where it is explicitly false, None where nothing is said."""
+        """True where the fact is asserted, False where it is explicitly false, None where neither is."""
         changed = self._signs.get(name, {})
         return changed[arguments] if arguments in changed else self._world.sign(name, arguments)
 
     def facts(self, name: str) -> Iterator[tuple[Arguments, bool]]:
-        """All facts of a predicate that are said, each with its sign."""
+        """The facts of a predicate, of both signs, each with its sign."""
         changed = self._signs.get(name, {})
         for arguments, sign in self._world.facts(name):
             if arguments not in changed:
@@ -259,7 +259,7 @@ class StateAfter:
                 yield arguments, new_sign
 
     def number(self, name: str, arguments: Arguments) -> Number | None:
-        """The value of a numeric function at this moment, None where it is undefined; a changed one has no rate."""
+        """The value of a numeric function, None where it is undefined; a changed one has no rate."""
         changed = self._numbers.get((name, arguments))
         return changed if changed is not None else self._world.number(name, arguments)
 
@@ -275,9 +275,9 @@ class StateAfter:
 def _triggered(
     ground: GroundAction, timing: Timing, world: Interpretation, duration: float | None, remembered: Remembered
 ) -> Iterator[tuple[Add | Delete | NumericEffect, Mapping[str, str]]]:
-    """The simple effects of a moment that take place, in their order, each with the objects of its variables.
+    """Yield the simple effects of a part of an action that take place, in order, each with its variables' objects.
 
-    A conditional effect takes place where its condition is true; where that is unknown, it does not.
+    A conditional effect takes place if its condition is true, and not if it is unknown.
     """
     evaluation = Evaluation(world, duration=duration)
     todo: list[tuple[Effect, Mapping[str, str]]] = [
@@ -308,7 +308,7 @@ def _triggered(
 
 
 def grounded_atom(atom: Atom, bindings: Mapping[str, str], ground: GroundAction) -> Atom:
-    """An atom of an effect with objects for its variables; names are keys."""
+    """Return an atom of an effect with objects for its variables; names are keys."""
     return Atom(key(atom.name), tuple(_object(argument, bindings, ground) for argument in atom.arguments))
 
 
@@ -331,7 +331,7 @@ _KINDS = {
 
 
 def _refuse_conflicts(changes: list[NumericChange], ground: GroundAction) -> None:
-    """PDDL 2.1 defines simultaneous changes of one function only where their order does not matter."""
+    """Refuse changes of one function whose order matters: PDDL 2.1 does not define them at one moment."""
     first: dict[Atom, NumericChange] = {}
     violations = []
     for change in changes:
@@ -377,7 +377,7 @@ def _finite(number: float, what: str, function: Atom, ground: GroundAction) -> f
 def _zero_divisor(
     expression: NumericExpression, world: Interpretation, duration: float | None
 ) -> NumericExpression | None:
-    """The first divisor that is 0, from the right, in an expression that reads no undefined function."""
+    """Return the first divisor, from the right, that is 0 in an expression that reads no undefined function."""
     operands: list[tuple[float, int]] = []  # the values of what has been read, and where each one ends
     for start in reversed(range(len(expression))):
         token = expression[start]

@@ -1,4 +1,4 @@
-"""Invariants that are expected to break: what follows from a start, played forward to its expected end (rule O6)."""
+"""Finds invariants that are expected to break: simulates an action from its start to its expected end (rule O6)."""
 
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -19,7 +19,7 @@ from kbstore.planning.rates import RunningAction
 from kbstore.planning.simulator import Event, Simulator
 
 Break = tuple[Formula, Truth, int]
-"""An over-all condition that is expected not to be true, what it is then, and from when on."""
+"""An over-all condition that is expected not to be true, its truth then, and the time from which on."""
 
 
 def expected_breaks(
@@ -32,9 +32,9 @@ def expected_breaks(
 ) -> list[Break]:
     """Return the over-all conditions of an action that are expected to break before its expected end (rule O6).
 
-    `project` gives the state before the start, at the time of the start, to be played forward. Raises `NotLinear` where
-    that cannot be decided; with `force` such a condition is unknown from the start on. What processes or events may
-    change is not looked ahead on (rule P4).
+    `project` returns a simulator of the state before the start, at the time of the start. Raises `NotLinear` where a
+    break cannot be decided; with `force` such a condition is unknown from the start on. Conditions that processes or
+    events may change are left out (rule P4).
     """
     start, end = entry.run.started, entry.run.expected_end
     conditions = action.conditions(Timing.OVER_ALL)
@@ -111,7 +111,7 @@ class ExpectedTrajectory:
         return [(s, e, Number(value[1], value[3], since)) for s, e, value, since in self._pieces.get(identity, ())]
 
     def lifespans(self, types: Iterable[str]) -> Mapping[str, Sequence[Span]]:
-        """The objects that exist somewhere in the span and are of one of the types, with when."""
+        """The objects that exist somewhere in the span and are of one of the types, with their lifespans."""
         wanted = list(types)
         found = {
             name: [(start, end) for start, end, kind in pieces if is_of(self.domain, kind, wanted)]
@@ -138,7 +138,7 @@ class ExpectedTrajectory:
 
 
 def _merged(pieces: Iterable[tuple[int, int, str]]) -> list[tuple[int, int, str]]:
-    """Adjacent existences of the same type are one (rule C6)."""
+    """Join adjacent existences of the same type (rule C6)."""
     merged: list[tuple[int, int, str]] = []
     for start, end, kind in pieces:
         if merged and merged[-1][1:] == (start, kind):

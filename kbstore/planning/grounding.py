@@ -7,10 +7,9 @@ from functools import cached_property
 from kbstore import names
 from kbstore.errors import InvalidKnowledge
 from kbstore.evaluation.interpretation import Interpretation
-from kbstore.evaluation.substitution import Bindings, instantiated
+from kbstore.evaluation.substitution import instantiated
 from kbstore.model.actions import Action
 from kbstore.model.domain import Domain
-from kbstore.model.expressions import NumericExpression
 from kbstore.model.formulas import And, Atom, Forall, Formula, Parameter, Preference, Timing, Truism
 from kbstore.model.symbols import arity_problem
 from kbstore.names import key
@@ -18,7 +17,7 @@ from kbstore.names import key
 
 @dataclass(frozen=True)
 class GroundAction:
-    """An operator and the objects that it is about.
+    """An operator with an object for each parameter.
 
     `arguments` are the objects' names as they were given; `bindings` maps each parameter's name, without the
     question mark, to the object, both as keys (`kbstore.names.key`).
@@ -37,9 +36,9 @@ class GroundAction:
         return dict(zip(map(key, (p.name for p in self.action.parameters)), self.arguments, strict=True))
 
     def conditions(self, timing: Timing) -> list[Formula]:
-        """The conditions of a moment with the objects in their places, conjunctions split into their parts.
+        """Return the conditions of a part of the action with objects for its parameters.
 
-        Other conditions stay as they are; preferences are left out (`required`).
+        Conjunctions are split into their parts, and preferences left out (`required`).
         """
         return [
             instantiated(part, self.spellings)
@@ -49,7 +48,7 @@ class GroundAction:
 
 
 def ground(domain: Domain, name: str, arguments: tuple[str, ...], world: Interpretation) -> GroundAction:
-    """The operator of that name with objects that exist in the world and are of its parameters' types.
+    """Return the operator of that name with objects, which must exist in the world and be of its parameters' types.
 
     Raises `UnknownSymbol` if the domain has no such operator, and `InvalidKnowledge` with everything that is wrong
     with the arguments.
@@ -86,7 +85,7 @@ def _mismatch(domain: Domain, argument: str, parameter: Parameter, world: Interp
 
 
 def required(condition: Formula) -> Iterator[Formula]:
-    """The parts of a conjunction, without what is always true and without preferences.
+    """Yield the parts of a conjunction, without truisms and preferences.
 
     A preference never keeps an action from being applied (PDDL 3.0).
     """
@@ -102,15 +101,3 @@ def required(condition: Formula) -> Iterator[Formula]:
             pass
         case _:
             yield condition
-
-
-def with_objects(expression: NumericExpression, objects: Bindings) -> NumericExpression:
-    """The numeric expression with objects for its variables."""
-    return tuple(_with_objects(token, objects) if isinstance(token, Atom) else token for token in expression)
-
-
-def _with_objects(function: Atom, objects: Bindings) -> Atom:
-    return Atom(
-        function.name,
-        tuple(objects.get(key(a[1:]), a) if a.startswith("?") else a for a in function.arguments),
-    )

@@ -1,7 +1,7 @@
-"""Continuous effects as differential equations: the rates of what runs, as the value of their expressions (rule O5).
+"""Continuous effects as differential equations: the rates that running actions add to functions (rule O5).
 
-The one place in which rates are computed, for what is recorded and for what is expected. A rate is constant between two
-changes of what its effect reads; whoever plays time forward asks for the rates again after each change.
+This is the one place in which rates are computed, recorded and expected ones. A rate is constant between two changes of
+what its effect reads; the simulator asks for the rates again after each change.
 """
 
 from collections.abc import Collection, Iterable, Iterator, Mapping
@@ -40,21 +40,18 @@ from kbstore.planning.start_conditions import NOTHING, Remembered, premise
 
 
 class RunningAction(NamedTuple):
-    """A run, and the conditions at its start that its later effects depend on and that were true."""
+    """A run, and those at-start conditions of its later effects that were true."""
 
     run: Run
     remembered: Remembered = NOTHING
 
 
 Reads = frozenset[tuple[str, tuple[str, ...] | None]]
-"""Functions by name and arguments; None for the arguments where it may be any."""
+"""Functions by name and arguments; the arguments are None if any may be read."""
 
 
 class _Moved(NamedTuple):
-    """A continuous effect on one function: its rate, None where it has no value, and what it reads.
-
-    `is_active` is whether its conditions are true.
-    """
+    """A continuous effect on one function: whether its conditions are true, its rate (None: none), what it reads."""
 
     function: Atom
     is_active: bool
@@ -65,7 +62,7 @@ class _Moved(NamedTuple):
 def rates(
     running: Iterable[RunningAction], world: Interpretation, moving: Collection[Atom] = ()
 ) -> dict[Atom, float | None]:
-    """Return what running actions add to the rate of each function, per second; None where a rate has no value.
+    """Return the rate that running actions add to each function, per second; None where a rate has no value.
 
     Names are keys. `moving` are the functions with a rate of their own, now or scheduled.
 
@@ -112,15 +109,10 @@ def symbols(action_name: str, domain: Domain) -> set[str]:
     return found
 
 
-def moved_functions(entry: RunningAction, world: Interpretation) -> set[Atom]:
-    """The functions that a run moves, or may come to move by other values of its conditions."""
-    return {moved.function for moved in _continuous(entry, world)}
-
-
 def value_at_end(value: Value, since: int, added: float, run: Run) -> float:
-    """The value of a function at exactly the expected end of a run that moves it, by `added` per second (rule O7).
+    """Return the value of a function at the expected end of a run that moves it, by `added` per second (rule O7).
 
-    The run has moved it for exactly ``?duration`` then, of which the expected end is the rounding.
+    By then the run has moved it for exactly ``?duration``, which the expected end rounds to nanoseconds.
     """
     rounded = run.duration / SECOND
     if run.seconds == rounded:
@@ -133,7 +125,7 @@ def value_at_end(value: Value, since: int, added: float, run: Run) -> float:
 
 
 def _continuous(entry: RunningAction, world: Interpretation) -> Iterator[_Moved]:
-    """The continuous effects of a run, for each function that they name; none where its objects are gone."""
+    """Yield the continuous effects of a run, for each function that they name; none if its objects are gone."""
     if not is_moving(entry.run.operator, world.domain):
         return
     assert world.domain is not None
@@ -198,7 +190,7 @@ def _symbols_in(condition: Formula, domain: Domain) -> set[str]:
 
 
 def _read_by(condition: Formula, domain: Domain) -> Reads:
-    """The functions whose values a condition reads, by rules of derived predicates, too."""
+    """Return the functions whose values a condition reads, also through the rules of derived predicates."""
     found: set[tuple[str, tuple[str, ...] | None]] = set()
     todo, seen = [(condition, True)], set()
     while todo:

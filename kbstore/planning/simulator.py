@@ -1,9 +1,9 @@
-"""Plays the state at one time forward, through what is scheduled and what runs.
+"""Simulates the state at one time forward, through what is scheduled and what runs.
 
-This is how a question about a time after now, or after `as_of`, is answered (rules Q2, O3): what was pending takes
-effect in order, objects take with them what mentions them, each action that runs has its at-end effects at its expected
-end, and numbers move at rates that follow what they read (O5). Nothing of it is stored. A writer plays forward what is
-scheduled alone (`recorded`), to store the rates that follow from it.
+This is how a question about a time after now, or after `as_of`, is answered (rules Q2, O3): scheduled knowledge takes
+effect in order, an object that ends takes with it what mentions it, each running action has its at-end effects at its
+expected end, and numbers move at rates that follow what they read (O5). Nothing of it is stored. A writer simulates
+scheduled knowledge alone (`recorded`), to store the rates that follow from it.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -15,7 +15,7 @@ from kbstore.messages import KnowledgeType
 from kbstore.model.domain import Domain
 from kbstore.model.formulas import Atom, Timing
 from kbstore.model.results import Run
-from kbstore.model.timelines import Identity, Role, Timeline, Value, fact_value, number_at
+from kbstore.model.timelines import Identity, Role, Timeline, Value, atom_key, fact_value, number_at
 from kbstore.names import key
 from kbstore.planning import effects
 from kbstore.planning.effects import Effects
@@ -38,7 +38,7 @@ class Event(NamedTuple):
 
 
 def moving_functions(rows: Iterable[StateRow]) -> set[Atom]:
-    """The functions that have a rate of their own in some rows."""
+    """Return the functions that have a rate of their own in some rows."""
     return {
         Atom(timeline.keys[0], timeline.keys[1:])
         for timeline, _, value in rows
@@ -47,10 +47,10 @@ def moving_functions(rows: Iterable[StateRow]) -> set[Atom]:
 
 
 class Simulator:
-    """Plays a state forward from `start`; what was expected to end by then is late.
+    """Plays a state forward from `start`; a run whose end was expected by then is overdue, and goes on.
 
-    With `recorded` it plays what will be recorded without another transaction: what is scheduled, but neither expected
-    ends nor what is sensed (rules O5, O8). `added` is what runs added to rates until `start`, where that is known.
+    With `recorded` it plays what follows without another transaction: scheduled knowledge, but neither expected ends
+    nor changes of what is sensed (rules O5, O8). `added` has the rates that runs had added until `start`, if known.
     """
 
     def __init__(
@@ -69,7 +69,7 @@ class Simulator:
         self.running = list(running)
         self._start = start
         self._standing: dict[Identity, StateRow] = {row[0].identity: row for row in standing}
-        # of one time, ends of objects come first
+        # at one time, ends of objects come first
         self._pending = sorted(pending, key=lambda row: (row[1], not _is_end(row), row[0].id))
         self.domain = domain
         self.use_unknowns = use_unknowns
@@ -82,11 +82,11 @@ class Simulator:
 
     @property
     def rows(self) -> list[StateRow]:
-        """The rows that hold at the time up to which the projection was played."""
+        """The rows that hold at the time up to which was played."""
         return list(self._standing.values())
 
     def advance(self, until: int) -> Iterator[Event]:
-        """Play forward to a time, inclusive; yields what changes, in order."""
+        """Play forward to a time, inclusive, and yield the changes in order."""
         if self._is_first:
             self._is_first = False
             yield from self._follow()
@@ -128,15 +128,15 @@ class Simulator:
     # -- rates ------------------------------------------------------------------------------------------------
 
     def _follow(self, run: Run | None = None) -> Iterator[Event]:
-        """Compute the rates of what runs anew; what moves at another rate than before goes on from its value.
+        """Compute the rates of running actions anew; a function with another rate than before goes on from its value.
 
-        Where a rate has no value any more, the function becomes undefined until it is set (rule O5).
+        A function whose rate has no value any more becomes undefined until it is set (rule O5).
         """
         if not self._added and not any(is_moving(entry.run.operator, self.domain) for entry in self.running):
             return
         before, self._added = self._added, rates(self.running, self._snapshot(), self.moving())
         for function in {**(before or {}), **self._added}:
-            row = self._standing.get(Identity(Role.STATE, KnowledgeType.FUNCTION, _key(function)))
+            row = self._row(function)
             if row is None or (self._recorded and self._is_sensed(function)):
                 continue
             timeline, since, value = row
@@ -151,6 +151,11 @@ class Simulator:
     def moving(self) -> set[Atom]:
         """The functions with a rate of their own, now or scheduled."""
         return moving_functions((*self._standing.values(), *self._pending))
+
+    def _row(self, function: Atom) -> StateRow | None:
+        """Return the row of a function, given by keys; None while it is undefined."""
+        name = atom_key((function.name, *function.arguments))
+        return self._standing.get(Identity(Role.STATE, KnowledgeType.FUNCTION, name))
 
     def _is_sensed(self, function: Atom) -> bool:
         return self.domain is not None and function.name in self.domain.sensed
@@ -167,23 +172,23 @@ class Simulator:
     # -- runs -------------------------------------------------------------------------------------------------
 
     def _end(self, entry: RunningAction) -> Iterator[Event]:
-        """The at-end effects of a run at its expected end, on the state expected then.
+        """Carry out the at-end effects of a run at its expected end, on the state expected then.
 
-        What cannot be carried out then is not expected to be: the action is expected to be aborted.
+        If they cannot be carried out, the action is expected to be aborted.
         """
         yield from self._stop(entry)
         before = dict(self._standing)
         try:
-            events = [*self._carry_out(entry), *self._follow(entry.run)]
+            events = [*self._put_changes(list(self._end_effects(entry)), entry.run), *self._follow(entry.run)]
         except KbStoreError:
             self._standing = before
             events = list(self._follow(entry.run))
         yield from events
 
     def begin(self, entry: RunningAction, at_start: Effects) -> list[StateRow]:
-        """Let an action start now, with the effects that it has then.
+        """Start an action now, with its at-start effects.
 
-        Returns what its effects on what is sensed would leave; they are not carried out (rule O8).
+        Effects on what is sensed are not carried out (rule O8); returned are the rows that they would leave.
         """
         sensed = frozenset[str]() if self.domain is None else self.domain.sensed
         changes = list(self._changes(at_start, self._snapshot()))
@@ -196,18 +201,15 @@ class Simulator:
         unwritten = [change for change in changes if change[0].keys[0] in sensed]
         return [(timeline, self._now, value or fact_value(is_negative=True)) for timeline, value in unwritten]
 
-    def _carry_out(self, entry: RunningAction) -> Iterator[Event]:
-        yield from self._put_changes(list(self._end_effects(entry)), entry.run)
-
     def _put_changes(self, changes: Iterable[tuple[Timeline, Value | None]], run: Run) -> Iterator[Event]:
         for timeline, value in changes:
             row = self._standing.get(timeline.identity)
             if timeline.kind is KnowledgeType.FACT and row is not None and value == row[2]:
-                # what holds already does not change (rule C2)
+                # a fact that holds already does not change (rule C2)
                 continue
             if value is not None:
                 if timeline.kind is KnowledgeType.FUNCTION:
-                    value = self._with_rate(timeline, value)  # noqa: PLW2901 - with what still runs
+                    value = self._with_rate(timeline, value)  # noqa: PLW2901 - other runs still move it
                 yield self._put(timeline, value, run)
             elif self._standing.pop(timeline.identity, None) is not None:
                 yield Event(self._now, timeline, None, run)
@@ -222,7 +224,7 @@ class Simulator:
 
     def _changes(self, found: Effects, world: Snapshot) -> Iterator[tuple[Timeline, Value | None]]:
         def own_rate(function: Atom) -> float:
-            row = self._standing.get(self._timeline(KnowledgeType.FUNCTION, function).identity)
+            row = self._row(function)
             return 0.0 if row is None else row[2][2]
 
         for kind, atom, value in effects.outcome(found, world, own_rate):
@@ -247,21 +249,17 @@ class Simulator:
         return self._standing[Identity(Role.STATE, KnowledgeType.INSTANCE, name)][0].spelling
 
     def _stop(self, entry: RunningAction) -> Iterator[Event]:
-        """A run's contributions to rates end; the functions that it moved go on without them."""
+        """End a run's contributions to rates; the functions that it moved go on without them."""
         last = rates([entry], self._snapshot()) if is_moving(entry.run.operator, self.domain) else {}
         self.running.remove(entry)
         if self._now == entry.run.expected_end:
             for function, added in last.items():
-                row = self._standing.get(Identity(Role.STATE, KnowledgeType.FUNCTION, _key(function)))
+                row = self._row(function)
                 if row is not None:
                     timeline, since, value = row
                     number = value_at_end(value, since, added or 0.0, entry.run)
                     self._standing[timeline.identity] = (timeline, self._now, (False, number, *value[2:]))
         yield from self._follow(entry.run)
-
-
-def _key(function: Atom) -> str:
-    return " ".join((function.name, *function.arguments))
 
 
 def _is_end(row: StateRow) -> bool:

@@ -1,7 +1,7 @@
-"""Latched start conditions: those that later effects of an action depend on (rules O2, O3).
+"""Latched start conditions: at-start conditions of an action's later effects (rules O2, O3).
 
-A condition that was true is remembered as PDDL text, with objects in their places and all names as keys. Such texts are
-stored with what runs: each records by itself what was true, independent of later changes to the domain or the objects.
+A condition that was true is remembered as PDDL text, with objects for its variables and all names as keys. These texts
+are stored with the run: they record what was true, whatever happens to the domain and the objects later.
 """
 
 from collections.abc import Iterator
@@ -25,9 +25,9 @@ NOTHING: Remembered = frozenset()
 def remembered(
     ground: GroundAction, timing: Timing, world: Interpretation, *, duration: float | None = None
 ) -> Remembered:
-    """The conditions at start of the effects of a later moment that are true in `world`, the state before the start.
+    """Return the at-start conditions of a later part's effects that are true in `world`, the state before the start.
 
-    Below ``forall`` they are asked of the objects that exist in `world`. `duration`, in seconds, is the value of
+    Below ``forall`` they are evaluated for the objects that exist in `world`. `duration`, in seconds, is the value of
     ``?duration``.
     """
     evaluation = Evaluation(world, duration=duration)
@@ -42,12 +42,12 @@ def remembered(
 
 
 def premise(condition: Formula, bindings: Bindings) -> str:
-    """A condition with objects for its variables, as it is remembered: one line of PDDL."""
+    """Write a condition with objects for its variables as it is remembered: one line of PDDL."""
     return key(condition_text(instantiated(condition, bindings)))
 
 
 def _conditions(effects: tuple[Effect, ...]) -> Iterator[tuple[Formula, list[Parameter]]]:
-    """Each condition at start among effects, with those parameters of the ``forall`` around it that it mentions."""
+    """Yield each at-start condition among effects, with those parameters of ``forall`` around it that it mentions."""
     todo: list[tuple[Effect, dict[str, Parameter]]] = [(effect, {}) for effect in effects]
     while todo:
         effect, around = todo.pop()
