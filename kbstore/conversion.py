@@ -34,9 +34,9 @@ _NO_FUNCTION = DomainFormula()
 
 
 def composite_of(expression: NumericExpression, formula_of: Callable[[Atom], DomainFormula]) -> ExprComposite:
-    """The expression as a message; `formula_of` labels the arguments of its functions."""
-    # the same few tokens make up the longest expressions; by type, as the enums' members equal numbers, and numbers as
-    # they are written, as 0 equals -0
+    """Return an expression as a message; `formula_of` makes the messages of its functions."""
+    # long expressions repeat a few tokens, so each is made once; the key has the type, as members of enums equal
+    # numbers, and the repr of a number, as 0 equals -0
     bases: dict[tuple[type, Token | str], ExprBase] = {}
     found = []
     for token in expression:
@@ -49,13 +49,13 @@ def composite_of(expression: NumericExpression, formula_of: Callable[[Atom], Dom
 
 
 def unlabelled(atom: Atom) -> DomainFormula:
-    """A function's term as a message, its arguments without labels."""
+    """Return a function's term as a message, its arguments without labels."""
     values = key_values(("",) * len(atom.arguments), atom.arguments)
     return DomainFormula.trusted(name=atom.name, typed_parameters=values)
 
 
 def from_composite(composite: ExprComposite) -> NumericExpression:
-    """The expression that a message carries. Raises `InvalidKnowledge` for an empty one, and for NaN and infinities."""
+    """Return a message's expression. Raises `InvalidKnowledge` for an empty one, and for NaN and infinities."""
     if not composite.tokens:
         raise InvalidKnowledge("the expression is empty; give at least one token, a number or a function")
     return tuple(_token(base) for base in composite.tokens)
@@ -97,12 +97,12 @@ def formula_of(signature: Signature) -> DomainFormula:
 
 
 def operator_message(action: Action, constants: Mapping[str, str] | None = None) -> DomainOperator:
-    """The operator as the message carries it.
+    """Return an operator as a message.
 
-    Its lists hold the conjuncts that are atoms, negated atoms or comparisons, and the effects that add, delete or
-    assign; a continuous effect is listed at start, where it begins. A formula's label is the operator's
-    variable, or the name of a constant, and its value the type of that (of constants, as `constants` has it). What
-    the message cannot carry is left to the `Action`.
+    Its lists have the conjuncts that are atoms, negated atoms or comparisons, and the effects that add, delete or
+    assign; a continuous effect is listed at start, where it begins. An argument's label is the operator's variable or
+    the name of a constant, and its value is the type of that; `constants` maps each constant to its type. Only the
+    `Action` has the rest.
     """
     types = {key(name): type_name for name, type_name in (constants or {}).items()}
     types.update({f"?{key(parameter.name)}": parameter.type_text for parameter in action.parameters})
@@ -130,7 +130,7 @@ _FIELD = {Timing.AT_START: "at_start", Timing.OVER_ALL: "over_all", Timing.AT_EN
 
 
 def _condition_message(condition: Formula, formula: Callable[[Atom], DomainFormula]) -> tuple[str, Message | None]:
-    """The list that a condition belongs to, and its message; None if the message cannot carry it."""
+    """Return the list that a condition belongs to, and its message; None if the message cannot carry it."""
     match condition:
         case Atom():
             return "simple_condition", formula(condition)
@@ -144,7 +144,7 @@ def _condition_message(condition: Formula, formula: Callable[[Atom], DomainFormu
 
 
 def _effect_message(effect: Effect, formula: Callable[[Atom], DomainFormula]) -> tuple[str, Message | None]:
-    """The list that an effect belongs to, and its message; None if the message cannot carry it."""
+    """Return the list that an effect belongs to, and its message; None if the message cannot carry it."""
     match effect:
         case Add(atom):
             return "add_effects", formula(atom)
@@ -158,7 +158,7 @@ def _effect_message(effect: Effect, formula: Callable[[Atom], DomainFormula]) ->
 
 
 class DomainFormulas(tuple[DomainFormula, ...]):
-    """Formulas of the domain in its order; also found by name in any case: ``predicates["robot_at"]``."""
+    """Formulas in the order of the domain; also found by name in any case: ``predicates["robot_at"]``."""
 
     __slots__ = ()
 
@@ -202,11 +202,11 @@ class MessageDomain(Domain):
         return NameMapping({a.name: operator_message(a, self.constants) for a in self.actions.values()})
 
     def predicate(self, name: str) -> DomainFormula:
-        """The predicate of that name. Raises `UnknownSymbol`."""
+        """The predicate of that name as a message. Raises `UnknownSymbol`."""
         return self.predicates[self.predicate_signature(name).name]
 
     def function(self, name: str) -> DomainFormula:
-        """The numeric function of that name. Raises `UnknownSymbol`."""
+        """The numeric function of that name as a message. Raises `UnknownSymbol`."""
         return self.functions[self.function_signature(name).name]
 
     def operator(self, name: str) -> DomainOperator:

@@ -85,7 +85,7 @@ def start(
             run = tx.start(operator, *(arguments or []), duration=lasting, force=force)
         done = tx.result
     report = {"run": plain(run), "transaction": plain(done)}
-    said = f"transaction {done.number} at {isoformat(done.time)}: {records.action_text(run)} started"
+    said = f"transaction {done.number} at {isoformat(done.time)}: {run.action} started"
     said += f", its end is expected at {isoformat(run.expected_end)}"
     if run.forced:
         said += f"; forced against {', '.join(run.forced)}"
@@ -116,7 +116,7 @@ def end(
         done = found.end(run, client=client, note=note)
     failing, broken = each(done.failing), each(done.broken)
     report = {"run": plain(run), "transaction": plain(done), "failing": failing, "broken": broken}
-    said = [f"transaction {done.number} at {isoformat(done.time)}: {records.action_text(run)} ended"]
+    said = [f"transaction {done.number} at {isoformat(done.time)}: {run.action} ended"]
     said += [f"at its end, {failing.condition} is {failing.truth}" for failing in done.failing]
     said += [f"over all, {broken}" for broken in done.broken]
     answer(report, as_json=as_json, view=lambda: "\n".join(said))
@@ -143,7 +143,7 @@ def abort(
         run = _running(found, operator, arguments)
         done = found.abort(run, client=client, note=note)
     report = {"run": plain(run), "transaction": plain(done)}
-    said = f"transaction {done.number} at {isoformat(done.time)}: {records.action_text(run)} aborted"
+    said = f"transaction {done.number} at {isoformat(done.time)}: {run.action} aborted"
     answer(report, as_json=as_json, view=lambda: said)
 
 
@@ -187,6 +187,6 @@ def _running(kb: KnowledgeBase, operator: str, arguments: list[str] | None) -> R
         raise NotApplicable(f"({' '.join((operator, *(arguments or [])))}) is not running; see kbstore state")
     if len(running) > 1:
         raise NotApplicable(
-            f"which {operator}? {', '.join(map(records.action_text, running))} are running; give the arguments"
+            f"which {operator}? {', '.join(run.action for run in running)} are running; give the arguments"
         )
     return running[0]

@@ -1,6 +1,7 @@
-"""Arguments of a question that cannot be meant: an object, or a variable, that is never of the parameter's type (V10).
+"""Refuses arguments of a question that cannot be meant: objects and variables never of the parameter's type (rule V10).
 
-What a variable or an action's parameter is bound to is not checked: where it does not fit, the atom is absent.
+The objects that are bound to variables and to an action's parameters are not checked: where one does not fit, the atom
+is absent.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -14,14 +15,14 @@ from kbstore.model.formulas import Atom, Comparison, Defined, Formula, Types, Va
 from kbstore.names import is_wildcard, key
 
 MOST_ARGUMENTS = 5
-"""The most arguments of which other orders are tried to find out what was meant."""
+"""The most arguments whose other orders are tried to find out what was meant."""
 
 TypeOf = Callable[[str], str | None]
 """The type of an object, both as keys; None where it does not exist."""
 
 
 class NamedArgument(NamedTuple):
-    """An object that a question names as an argument, and what that argument has to be.
+    """An object that a question names as an argument, and the types that the argument may have.
 
     Attributes:
         name: The object, as a key.
@@ -39,10 +40,10 @@ class NamedArgument(NamedTuple):
 
 
 def named_arguments(question: Formula | NumericExpression, domain: Domain | None) -> tuple[NamedArgument, ...]:
-    """Return the objects that a question names where not every type is allowed.
+    """Return the objects that a question names as arguments of parameters with a type.
 
-    Raises `InvalidKnowledge` for what no state of the domain can make right: a constant of a type that the parameter
-    excludes, and a quantified variable whose type has no subtype in common with the parameter's.
+    Raises `InvalidKnowledge` for what is wrong in every state: a constant of a type that the parameter excludes, and a
+    quantified variable whose type has no subtype in common with the parameter's.
     """
     if domain is None:
         return ()
@@ -73,7 +74,7 @@ def check_types(uses: Iterable[NamedArgument], type_of: TypeOf, domain: Domain |
 
 
 def wrong_type(use: NamedArgument, type_name: str, type_of: TypeOf, domain: Domain) -> InvalidKnowledge:
-    """Return the error for an object of the wrong type, with what was probably meant."""
+    """Return the error for an object of the wrong type, which suggests what was probably meant."""
     meant = _meant(use, type_of, domain)
     return InvalidKnowledge(
         f"{use.atom}: {use.atom.arguments[use.position]} is {_either((domain.type_spelling(type_name),))}, and "
@@ -119,5 +120,5 @@ def _place(position: int, signature: Signature) -> str:
 
 
 def _either(types: Types) -> str:
-    """The types as a noun: ``a robot or item``."""
+    """Return types as a noun: ``a robot or item``."""
     return f"{'an' if types[0][0] in 'aeiou' else 'a'} {' or '.join(types)}"

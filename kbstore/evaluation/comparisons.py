@@ -23,14 +23,14 @@ from kbstore.model.expressions import NumericExpression, Token, atoms_of
 from kbstore.model.formulas import Atom, Comparison
 
 _MAX_DEGREE = 8
-"""Powers of time above this do not cancel out in anything that people write."""
+"""Higher powers of time are refused at once: nobody writes expressions in which they cancel out."""
 
 Numbers = Mapping[Atom, Number]
 Pieces = Sequence[tuple[int, int, Number]]
 
 
 def at_moment(comparison: Comparison, world: Interpretation, bindings: Bindings, duration: float | None) -> Truth:
-    """The truth of a comparison in a world."""
+    """Return the truth of a comparison in a world; `duration`, in seconds, is the value of ``?duration``."""
     numbers: dict[Atom, Number] = {}
     ground_comparison = _grounded(comparison, bindings)
     for function in _functions(ground_comparison):
@@ -48,9 +48,9 @@ def over_span(
     bindings: Bindings,
     duration: float | None,
 ) -> Signal:
-    """The truth of a comparison over a span, from the pieces in which each function is defined.
+    """Return the truth of a comparison over a span, from the pieces in which each function is defined.
 
-    Crossings are exact to the nanosecond. Raises `NotLinear` where both sides' difference is not linear in time.
+    Crossings are exact to the nanosecond. Raises `NotLinear` where the difference of both sides is not linear in time.
     """
     ground_comparison = _grounded(comparison, bindings)
     read = {function: pieces_of(function) for function in _functions(ground_comparison)}
@@ -99,10 +99,10 @@ def _decided(comparison: Comparison, numbers: Numbers, t: int, duration: float |
 def _crossings(
     comparison: Comparison, numbers: Numbers, span: Span, duration: float | None
 ) -> Iterator[tuple[int, int, Truth]]:
-    """The pieces of a span in which the numbers run straight, at least one of them not level."""
+    """Yield the pieces of equal truth of a span in which all numbers are linear, and at least one moves."""
     divisors: list[Polynomial] = []
 
-    def straight(token: Token) -> Polynomial:
+    def linear(token: Token) -> Polynomial:
         return (
             Polynomial.moving(numbers[token]) if isinstance(token, Atom) else Polynomial.of(_constant(token, duration))
         )
@@ -125,7 +125,7 @@ def _crossings(
         return result
 
     try:
-        difference = fold(comparison.left, straight, operate) - fold(comparison.right, straight, operate)
+        difference = fold(comparison.left, linear, operate) - fold(comparison.right, linear, operate)
     except DivisionByZero:
         yield (*span, Truth.UNKNOWN)
         return
@@ -145,7 +145,7 @@ def _crossings(
 
 
 def _rationals(operator: Operator, operands: Sequence[Fraction]) -> Fraction:
-    """An operation on rationals. Raises `ZeroDivisionError`, and `InvalidKnowledge` for numbers of absurd size."""
+    """Apply an operator to rationals. Raises `ZeroDivisionError`, and `InvalidKnowledge` for numbers of absurd size."""
     match operator:
         case Operator.UMINUS:
             return -operands[0]

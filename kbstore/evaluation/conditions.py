@@ -20,7 +20,7 @@ def truth(
     *,
     duration: float | None = None,
 ) -> Truth:
-    """The truth of a condition in a world (rules V2 to V5, V7 to V9).
+    """Return the truth of a condition in a world (rules V2 to V5, V7 to V9).
 
     Args:
         condition: nested at most `kbstore.evaluation.wellformed.MAX_DEPTH` levels.
@@ -42,7 +42,7 @@ def deciding(
     *,
     duration: float | None = None,
 ) -> list[tuple[Formula, Truth]]:
-    """The smallest parts of a condition that decide its truth, each with its own truth.
+    """Return the smallest parts of a condition that decide its truth, each with its own truth.
 
     A true disjunction, a false conjunction and a quantifier with a witness or a counterexample are decided by the
     first such part alone; any other conjunction or disjunction by all parts of its own truth. The parts
@@ -53,7 +53,7 @@ def deciding(
     evaluation = Evaluation(world, duration=duration)
     evaluation.truth(condition, bindings)
     parts = list(dict.fromkeys(_deciding(evaluation, condition, keyed(bindings))))
-    # what is always true explains nothing, unless there is nothing else
+    # a truism explains nothing, unless there is nothing else
     return [part for part in parts if not isinstance(part[0], Truism)] or parts
 
 

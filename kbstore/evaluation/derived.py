@@ -19,13 +19,13 @@ from kbstore.names import is_wildcard, key
 
 
 class Derived:
-    """The derived predicates of a world, computed when they are first asked for.
+    """The derived predicates of a world, each computed when it is first asked for.
 
     Args:
         world: the world, which has a domain.
-        evaluate: the truth of a condition in it, which comes back here for derived predicates.
-        asserted: the rows that are asserted of a predicate that is not derived.
-        objects: the objects of some types, in a collection of which ``in`` is fast.
+        evaluate: returns the truth of a condition in it, and calls back for derived predicates.
+        asserted: returns the rows that are asserted of a predicate that is not derived.
+        objects: returns the objects of some types, in a collection with a fast ``in``.
     """
 
     def __init__(
@@ -46,7 +46,7 @@ class Derived:
         self._running: dict[str, Relation] = {}
 
     def truth(self, name: str, wanted: Pattern) -> Truth:
-        """The truth of a derived atom; of an object that does not exist it is absent (rule V8)."""
+        """Return the truth of a derived atom; it is absent if one of its objects does not exist (rule V8)."""
         certain, possible = self.relations(name)
         if any(True for _ in certain.matching(wanted)):
             return Truth.TRUE
@@ -57,7 +57,7 @@ class Derived:
         return Truth.FALSE
 
     def relations(self, name: str) -> tuple[Relation, Relation]:
-        """The rows of which a derived predicate is true, and those of which it is not false."""
+        """Return the rows for which a derived predicate is true, and those for which it is not false."""
         if name in self._running:
             return self._running[name], self._running[name]
         if name not in self._known:
@@ -89,7 +89,7 @@ class Derived:
         current = {name: Relation() for name in stratum}
         full = {name: prod(len(self._objects(types)) for types in self._program.ranges[name]) for name in stratum}
         recursive = any(self._program.dependencies[name] & stratum for name in stratum)
-        # what may be true in an open world is nearly everything, and the first round finds it soonest one by one
+        # in an open world nearly every row may be true, and testing each is the fastest first round
         one_by_one = self._world.use_unknowns and not certainly
         self._running = current
         try:
@@ -113,7 +113,7 @@ class Derived:
     def _joined(
         self, stratum: frozenset[str], news: Mapping[str, Relation] | None, certainly: bool
     ) -> dict[str, Relation]:
-        """The rows that follow, by the news of the last round, or by everything in the first."""
+        """Return the rows that follow from the news of the last round, or, in the first round, from everything."""
         found = {name: Relation() for name in stratum}
         for name in stratum:
             for rule in self._program.rules[name]:
@@ -130,10 +130,10 @@ class Derived:
     def _joins(
         self, clause: Clause, news: Mapping[str, Relation] | None, certainly: bool
     ) -> Iterator[tuple[list[Guard], list[Formula]]]:
-        """The joins of a clause, each with the conditions that remain to be tested.
+        """Yield the joins of a clause, each with the conditions that remain to be tested.
 
-        With news there is one join for each atom that can read them; if another condition reads them, the join is that
-        of everything.
+        With news there is one join for each atom that reads them; if any other condition reads them, everything is
+        joined again.
         """
         readers: list[int | None] = [None]
         if news is not None:
@@ -149,20 +149,20 @@ class Derived:
                     if rows is not None:
                         guarded.append((atom, rows if i != reader or news is None else news[key(atom.name)]))
                         if atom is conjunct and not any(_is_loose(a, clause) for a in atom.arguments):
-                            break  # that it has its row is all there is to test
+                            break  # its row is found by the join, and nothing remains to be tested
                 else:
                     tests.append(conjunct)
             yield guarded, tests
 
     def _rows(self, atom: Atom, certainly: bool) -> Relation | None:
-        """The rows outside of which an atom is not accepted; None if they cannot be listed."""
+        """Return the rows without which an atom is not accepted; None if they cannot be listed."""
         is_derived, closed = key(atom.name) in self._program.rules, certainly or not self._world.use_unknowns
         if is_derived and (closed or self.exist(pattern(atom, {}))):
             return self.relations(key(atom.name))[0 if certainly else 1]
         return self._asserted(key(atom.name)) if closed and not is_derived else None
 
     def _tested(self, stratum: frozenset[str], certainly: bool) -> dict[str, Relation]:
-        """The missing rows that follow, each tested by itself; they are added at once."""
+        """Return the missing rows that follow; each is tested by itself, and added at once."""
         found = {name: Relation() for name in stratum}
         for name in stratum:
             for row in product(*(self._objects(types) for types in self._program.ranges[name])):

@@ -35,7 +35,7 @@ from kbstore.names import key
 
 
 class Evaluation:
-    """Evaluates conditions in one world, remembering what it has read and derived.
+    """Evaluates conditions in one world, and caches what it has read and derived.
 
     The world must not change meanwhile. `duration`, in seconds, is the value of ``?duration``.
     """
@@ -53,7 +53,7 @@ class Evaluation:
         self._derived: Derived | None = None
 
     def truth(self, condition: Formula, bindings: Mapping[str, str] = {}) -> Truth:
-        """The truth of a condition, with objects for its free variables.
+        """Return the truth of a condition, with objects for its free variables.
 
         Raises `UnknownSymbol` and `InvalidKnowledge` as `kbstore.evaluation.wellformed.check` does, and
         `InvalidKnowledge` for a comparison that would need numbers of absurd size.
@@ -62,7 +62,7 @@ class Evaluation:
         return self.evaluate(condition, keyed(bindings))
 
     def evaluate(self, condition: Formula, bindings: Bindings) -> Truth:
-        """The truth of a condition that has been checked. Symbols that the domain does not know say nothing."""
+        """Return the truth of a condition that has been checked; symbols unknown to the domain are absent (rule D4)."""
         match condition:
             case Atom():
                 return self._atom(condition, bindings)
@@ -94,7 +94,7 @@ class Evaluation:
     def instance(self, quantified: Exists | Forall, bindings: Bindings) -> tuple[Truth, Bindings]:
         """Return whether a quantifier has a decisive instance: a witness of `Exists`, a counterexample to `Forall`.
 
-        With TRUE come the bindings of the first one.
+        If it is TRUE, the bindings are those of the first one.
         """
         variables, part = variables_of(quantified.parameters), quantified.part
         witness = isinstance(quantified, Exists)
@@ -124,7 +124,7 @@ class Evaluation:
         return (row for row in self._signed(key(atom.name), True).matching(wanted) if self._fits(atom, wanted, row))
 
     def rows(self, atom: Atom) -> Relation:
-        """The rows of which an atom's predicate is true."""
+        """The rows for which an atom's predicate is true."""
         return self._rows(key(atom.name))[0]
 
     def defined(self, function: Atom, bindings: Bindings) -> Iterator[Arguments]:
@@ -158,7 +158,7 @@ class Evaluation:
         return self._derived
 
     def _first(self, decisive: Truth, parts: tuple[Formula, ...], bindings: Bindings) -> Truth:
-        """The truth of a disjunction where TRUE is decisive, of a conjunction where FALSE is."""
+        """Return the truth of a disjunction, where TRUE is decisive, or of a conjunction, where FALSE is."""
         result = ~decisive
         for part in parts:
             truth = self.evaluate(part, bindings)
@@ -182,9 +182,9 @@ class Evaluation:
         return Truth.FALSE if self._all_denied(atom, wanted) else Truth.UNKNOWN
 
     def _all_denied(self, atom: Atom, wanted: Pattern) -> bool:
-        """Return whether a pattern is explicitly false of all objects that it matches.
+        """Return whether a pattern is explicitly false for all objects that it matches.
 
-        Without a domain nobody knows all objects, so that it never is.
+        Without a domain it never is, as nobody knows all objects.
         """
         if self.world.domain is None:
             return False
@@ -214,7 +214,7 @@ class Evaluation:
         )
 
     def _signed(self, name: str, sign: bool) -> Relation:
-        """The rows that are asserted of a predicate, or explicitly denied."""
+        """Return the rows for which a predicate is asserted (`sign` True), or explicitly false."""
         known = self._asserted if sign else self._denied
         if name not in known:
             if self._indexed is not None:
@@ -224,7 +224,7 @@ class Evaluation:
         return known[name]
 
     def _rows(self, name: str) -> tuple[Relation, Relation | None]:
-        """The rows of which a predicate is true, and those outside of which it is false, if these can be listed."""
+        """Return the rows for which a predicate is true, and those for which it is not false, if they can be listed."""
         if name in self._derived_names:
             return self.derived.relations(name)
         asserted = self._signed(name, True)
@@ -234,13 +234,13 @@ class Evaluation:
         rows = self._rows(key(atom.name))[1]
         if rows is None:
             return
-        # in an open world a derived predicate is unknown of what does not exist, and has no row for it
+        # in an open world a derived predicate is unknown for objects that do not exist, and has no row for them
         if not self.world.use_unknowns or self.derived.exist(pattern(atom, bindings)):
             yield atom, rows
 
 
 def wild_types(wanted: Pattern, signature: Signature | None) -> list[Types]:
-    """The types of the parameters where a pattern has wildcards; anything where nothing is declared."""
+    """Return the types of the parameters for which a pattern has wildcards; ``object`` where none is declared."""
     declared = [tuple(map(key, p.types)) for p in signature.parameters] if signature else []
     declared += [("object",)] * (len(wanted) - len(declared))
     return [types for types, value in zip(declared, wanted, strict=False) if value is None]

@@ -31,7 +31,7 @@ def evaluate(
     duration: float | None = None,
     total_time: float | None = None,
 ) -> float:
-    """The value of an expression in a world.
+    """Return the value of an expression in a world.
 
     Args:
         expression: tokens in prefix order.
@@ -43,7 +43,7 @@ def evaluate(
     Raises:
         UndefinedFunction: it reads a function that has no value there.
         DivisionByZero: it divides by zero.
-        InvalidKnowledge: it overflows, is not an expression, or has a variable or special number that nothing gives.
+        InvalidKnowledge: it overflows, is not an expression, or has a variable or special number without a value.
     """
     known = keyed(bindings)
 
@@ -67,7 +67,7 @@ def fold(
     value: Callable[[Token], _Value],
     operate: Callable[[Operator, Sequence[_Value]], _Value],
 ) -> _Value:
-    """The value of an expression in any arithmetic, from the values of its leaves; never recursive.
+    """Return the value of an expression in any arithmetic, from the values of its leaves; never recursive.
 
     `operate` signals a division by zero by `ZeroDivisionError`, which becomes a `DivisionByZero` that names the
     divisor. Raises `InvalidKnowledge` if the tokens are not one expression in prefix order.
@@ -95,7 +95,7 @@ def fold(
 
 
 def doubles(operator: Operator, operands: Sequence[float]) -> float:
-    """An operation on IEEE doubles. Raises `ZeroDivisionError`, and `OverflowError` for what is not finite."""
+    """Apply an operator to IEEE doubles. Raises `ZeroDivisionError`, and `OverflowError` for what is not finite."""
     if operator is Operator.UMINUS:
         return -operands[0]
     left, right = operands
@@ -113,14 +113,14 @@ def doubles(operator: Operator, operands: Sequence[float]) -> float:
 
 
 def number(token: Token) -> float:
-    """The value of a number in an expression. Raises `InvalidKnowledge` for what is not finite, or no number."""
+    """Return a number in an expression as a double. Raises `InvalidKnowledge` for anything else, and if not finite."""
     if not isinstance(token, float | int) or not math.isfinite(token):
         raise InvalidKnowledge(f"{token!r:.80} cannot stand in an expression; write a finite number or a function")
     return float(token)
 
 
 def special(token: SpecialType, *, duration: float | None = None, total_time: float | None = None) -> float:
-    """The value of a special number. Raises `InvalidKnowledge` where it has none."""
+    """Return the value of a special number, in seconds. Raises `InvalidKnowledge` if it has none."""
     value = {SpecialType.DURATION: duration, SpecialType.TOTAL_TIME: total_time}.get(token)
     if value is None:
         raise InvalidKnowledge(_NO_VALUE[token])
@@ -128,9 +128,9 @@ def special(token: SpecialType, *, duration: float | None = None, total_time: fl
 
 
 def ground(function: Atom, bindings: Mapping[str, str]) -> Atom:
-    """A function's term with keys for its name and its arguments.
+    """Return a function's term with keys for its name and its arguments.
 
-    Raises `InvalidKnowledge` for an argument that matches any object: a number is read of one object (rule V7).
+    Raises `InvalidKnowledge` for an argument that matches any object, as no number can be read then (rule V7).
     """
     arguments = [term(argument, bindings) for argument in function.arguments]
     if None in arguments:
@@ -157,7 +157,7 @@ def _read(function: Atom, bindings: Mapping[str, str], world: Interpretation) ->
 
 
 def _divisor(expression: NumericExpression, index: int) -> str:
-    """The divisor of the division at an index, in PDDL if it is a function or a number."""
+    """Return the divisor of the division at an index, in PDDL if it is a function or a number."""
     start, wanted = index + 1, 1
     while wanted:
         token = expression[start]

@@ -1,7 +1,7 @@
-"""Answers to a query: the objects for its free variables for which it is true (rule V11).
+"""Answers queries: finds the objects for the free variables for which a condition is true (rule V11).
 
-A query is brought into disjunctive normal form; in each part, what must be true of a variable is joined
-(`kbstore.evaluation.joins`), and the rest is evaluated for what comes of it.
+A query is brought into disjunctive normal form. In each part, the atoms that must be true are joined
+(`kbstore.evaluation.joins`), and the rest is evaluated for each binding that the join finds.
 """
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -64,7 +64,7 @@ def find(condition: Formula, variables: Variables, world: ListedInterpretation) 
     for _, conjuncts in bodies(condition, True, frozenset()):
         certain = [(atom, evaluation.rows(atom)) for conjunct in conjuncts for atom in guards(conjunct)]
         certain += [(atom, Relation(world.defined(key(atom.name)))) for atom in _compared(conjuncts)]
-        # what has been joined is true; of a bare wildcard, the object has yet to fit
+        # an atom that has been joined is true, unless it has a bare wildcard, whose object may not be of its type
         part = And(tuple(rest for rest in conjuncts if not _is_joined(rest, variables)))
         for bindings in assignments(variables, certain, {}, objects):
             names = tuple([bindings[variable] for variable in variables])
@@ -80,7 +80,7 @@ def _is_joined(conjunct: Formula, variables: Variables) -> bool:
 
 
 class _Anything(Collection[str]):
-    """All names: what has not been declared may be anything."""
+    """All names: an undeclared argument may be anything."""
 
     def __contains__(self, name: object) -> bool:
         return True
@@ -93,7 +93,7 @@ class _Anything(Collection[str]):
 
 
 def _compared(conjuncts: Sequence[Formula]) -> Iterator[Atom]:
-    """The functions with variables that are defined where all of some conditions are true."""
+    """Yield the functions with variables that are defined wherever all of the conditions are true."""
     for conjunct in conjuncts:
         part = conjunct.part if isinstance(conjunct, Not) else conjunct
         if isinstance(part, Comparison):
@@ -108,14 +108,14 @@ _Binding = dict[str, list[Atom]]
 
 
 def _binding(condition: Formula, positive: bool) -> _Binding:
-    """The variables that are arguments of something true, or defined, wherever a condition is true (or false)."""
+    """Return the variables that are arguments of something true or defined wherever a condition is true (or false)."""
     match condition:
         case Atom():
             return _of((condition,)) if positive else {}
         case Defined(function):
             return _of((function,)) if positive else {}
         case Comparison(_, left, right):
-            # where a function is not defined, it is neither true nor false
+            # where a function is undefined, the comparison is neither true nor false
             return _of((*atoms_of(left), *atoms_of(right)))
         case IsA(name, type_name):
             return {key(name[1:]): []} if positive and type_name and is_wildcard(name) else {}
@@ -145,7 +145,7 @@ def _of(atoms: Sequence[Atom]) -> _Binding:
 
 
 def _combined(found: Sequence[_Binding], *, every: bool) -> _Binding:
-    """The variables of all parts of a disjunction, where `every` part must bind them; otherwise of any part."""
+    """Return the variables that all parts bind, if `every` part has to, or else those that any part binds."""
     names = [set(part) for part in found]
     kept = (set.intersection(*names) if every else set.union(*names)) if names else set()
     return {name: [atom for part in found for atom in part.get(name, ())] for name in sorted(kept)}

@@ -8,8 +8,8 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-from kbstore.clock import SECOND
 from kbstore.model.domain import Domain
+from kbstore.model.timelines import moved
 
 Arguments = tuple[str, ...]
 
@@ -23,10 +23,8 @@ class Number:
     since: int = 0
 
     def at(self, t: int) -> float:
-        """The value at a time in nanoseconds (rule C7, in that order of operations)."""
-        if not self.rate:
-            return self.value
-        return self.value + self.rate * ((t - self.since) / SECOND)
+        """Return the value at a time in nanoseconds (rule C7)."""
+        return moved(self.value, self.rate, t - self.since)
 
 
 class Interpretation(Protocol):
@@ -100,7 +98,7 @@ class Trajectory(Protocol):
         """The pieces in which one fact is asserted or denied, each with its sign."""
 
     def all_signs(self, name: str) -> Mapping[Arguments, Sequence[tuple[int, int, bool]]]:
-        """The same for every fact of a predicate that is asserted or denied somewhere in the span."""
+        """The pieces of every fact of a predicate that is asserted or denied somewhere in the span."""
 
     def numbers(self, name: str, arguments: Arguments) -> Sequence[tuple[int, int, Number]]:
         """The pieces in which one numeric function is defined."""

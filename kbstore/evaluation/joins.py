@@ -1,7 +1,7 @@
-"""Which objects are worth trying for the variables of a quantifier or a rule: joins over the facts that are known.
+"""Joins over facts, which find the objects that are worth trying for the variables of a quantifier or a rule.
 
-A quantified formula is evaluated by trying objects for its variables. Trying all of them takes too long where there
-are many; but an atom that must not be false for the formula to matter (a *guard*) narrows them down to its rows.
+A quantified formula is evaluated by trying objects for its variables. Trying all of many takes too long, but an atom
+that must not be false for the formula to matter (a *guard*) narrows them down to its rows.
 """
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
@@ -34,7 +34,7 @@ class Relation:
 
     @property
     def cost(self) -> int:
-        """The number of rows that reading all of it takes, as far as that is known."""
+        """The number of rows to read for all of it, as far as that is known."""
         return len(self)
 
     def __contains__(self, row: Arguments) -> bool:
@@ -76,11 +76,11 @@ class Relation:
 
 
 _READ_ALL = 16
-"""After so many look-ups the whole of a predicate is read: each costs as much as reading some rows."""
+"""After so many look-ups the whole predicate is read, as each look-up costs as much as reading some rows."""
 
 
 class IndexedRelation(Relation):
-    """The rows with one sign of a predicate in a world that finds them by an object: read as far as is asked.
+    """The rows of a predicate with one sign, in a world that finds them by an object; only those asked for are read.
 
     Args:
         world: the world, which has `matching`.
@@ -109,7 +109,7 @@ class IndexedRelation(Relation):
 
     @property
     def cost(self) -> int:
-        """Many, as long as they have not been read."""
+        """The number of rows; as large as can be while they have not been read."""
         return len(self._rows) if self._is_read else maxsize
 
     def matching(self, wanted: Pattern) -> Iterator[Arguments]:
@@ -132,7 +132,7 @@ class IndexedRelation(Relation):
 
 
 class ObjectsOfTypes(Collection[str]):
-    """The objects of some types in such a world: a single one is looked up, as long as not all are asked for."""
+    """The objects of some types in such a world; ``in`` looks a single one up as long as not all have been read."""
 
     def __init__(self, world: IndexedInterpretation, types: Types) -> None:
         self._world = world
@@ -165,7 +165,7 @@ Guard = tuple[Atom, Relation]
 
 
 def guards(condition: Formula, positive: bool = True) -> Iterator[Atom]:
-    """Atoms that are not false wherever the condition is not false (or, if not `positive`, not true).
+    """Yield the atoms that are not false wherever the condition is not false (or, if not `positive`, not true).
 
     Variables that the condition itself quantifies are replaced by wildcards.
     """
@@ -202,10 +202,10 @@ def assignments(
     bindings: Bindings,
     objects: Callable[[Types], Collection[str]],
 ) -> Iterator[dict[str, str]]:
-    """The bindings with an object for each of the variables, such that every guard has its row.
+    """Yield the bindings with an object for each of the variables for which every guard has its row.
 
-    Each variable gets only the objects of its types, in the collection of which ``in`` should be fast. Variables that
-    are bound already are bound anew.
+    Each variable gets objects of its types only; `objects` returns these in a collection that should have a fast
+    ``in``. Variables that are bound already are bound anew.
     """
     outer = {variable: name for variable, name in bindings.items() if variable not in variables}
     steps = _plan(variables, list(guarded), set(outer), objects)
@@ -230,7 +230,7 @@ _Step = Callable[[dict[str, str]], Iterator[dict[str, str]]]
 def _plan(
     variables: Variables, guarded: list[Guard], bound: set[str], objects: Callable[[Types], Collection[str]]
 ) -> list[_Step]:
-    """The order in which guards are read: first those that check what is bound, then those with the fewest rows."""
+    """Order the guards for reading: first those that check what is bound, then those with the fewest rows."""
 
     def rank(guard: Guard) -> tuple[int, bool, int]:
         terms = [a for a in guard[0].arguments if not is_wildcard(a) or key(a[1:]) in bound]
@@ -257,7 +257,7 @@ def _plan(
 
 
 def _by_rows(atom: Atom, relation: Relation, fresh: Mapping[str, Collection[str]]) -> _Step:
-    """Bind the fresh variables of an atom from its rows, to the objects that each may have."""
+    """Return the step that binds the fresh variables of an atom from its rows, to the objects that each may have."""
     places = [(i, key(a[1:])) for i, a in enumerate(atom.arguments) if is_variable(a, fresh)]
 
     def step(bindings: dict[str, str]) -> Iterator[dict[str, str]]:

@@ -28,11 +28,11 @@ class LeafSignals:
         self._relations: dict[str, Relation] = {}
 
     def constant(self, truth: Truth) -> Signal:
-        """One truth throughout the span."""
+        """Return the signal of one truth throughout the span."""
         return [(self._span[0], truth)]
 
     def fact(self, atom: Atom, bindings: Bindings) -> Signal:
-        """The truth of a fact; with wildcards, of some objects that match."""
+        """Return the signal of a fact; with wildcards, for some objects that match."""
         name, wanted = key(atom.name), pattern(atom, bindings)
         if None in wanted:
             return self._wild_fact(name, wanted)
@@ -41,7 +41,7 @@ class LeafSignals:
         return signals.painted(self._span, ((start, end, Truth.of(sign)) for start, end, sign in signs), absent)
 
     def comparison(self, comparison: Comparison, bindings: Bindings) -> Signal:
-        """The truth of a comparison. Raises `NotLinear`."""
+        """Return the signal of a comparison. Raises `NotLinear`."""
         return comparisons.over_span(
             comparison,
             self._span,
@@ -74,22 +74,22 @@ class LeafSignals:
         return self._spans((start, end) for start, end, kind in lifespan if domain.is_subtype(kind, types))
 
     def presence(self, name: str, types: Types) -> Signal:
-        """Return the same for one object, from the lifespans of all objects of these types."""
+        """Return the signal of one object existing with one of the types, from the lifespans of all of these types."""
         return self._spans(self.objects(types).get(name, ()))
 
     def objects(self, types: Types) -> Mapping[str, Sequence[Span]]:
-        """The objects of some types that exist somewhere in the span, with when."""
+        """The objects of some types that exist somewhere in the span, with their lifespans."""
         return self._trajectory.lifespans(types)
 
     def wild_ranges(self, name: str, wanted: Pattern) -> list[Types]:
-        """The types of a predicate's parameters where a pattern has wildcards."""
+        """The types of a predicate's parameters for which a pattern has wildcards."""
         domain = self._trajectory.domain
         return wild_types(wanted, domain.predicate_signatures.get(name) if domain else None)
 
     def _wild_fact(self, name: str, wanted: Pattern) -> Signal:
-        """True while it is asserted of some objects that match.
+        """Return the signal that is true while the fact is asserted for some objects that match.
 
-        In an open world it is false only while it is explicitly false of all of them, which takes a domain to know.
+        In an open world it is false only while it is explicitly false for all of them, which takes a domain to know.
         """
         asserted, denied = (list(self._matching(name, wanted, sign)) for sign in (True, False))
         if not self._trajectory.use_unknowns:
@@ -115,7 +115,7 @@ class LeafSignals:
                 yield self._all([self._spans(spans), *map(self.presence, wild, ranges)])
 
     def _all_denied(self, denied: Sequence[Signal], ranges: Sequence[Types]) -> Signal:
-        """True while as many rows are denied as there are combinations of objects for the wildcards."""
+        """Return the signal that is true while the denied rows are as many as the combinations of objects."""
         groups = [denied, *([self.presence(name, types) for name in self.objects(types)] for types in ranges)]
         steps: list[tuple[int, int, int]] = []  # time, group, change in how many of its signals are true
         for i, group in enumerate(groups):

@@ -1,4 +1,4 @@
-"""Polynomials in time with exact rational coefficients: what numbers that move at a rate add up to."""
+"""Polynomials in time with exact rational coefficients: the values of expressions whose numbers move at a rate."""
 
 from dataclasses import dataclass
 from fractions import Fraction
@@ -9,13 +9,13 @@ from kbstore.errors import InvalidKnowledge
 from kbstore.evaluation.interpretation import Number
 
 MAX_BITS = 2**14
-"""Numbers with more bits are refused: they come from absurd expressions only, and each step takes longer."""
+"""Numbers with more bits are refused: only absurd expressions have them, and each step takes longer."""
 
 _ZERO = Fraction(0)
 
 
 def bounded(number: Fraction) -> Fraction:
-    """The number itself. Raises `InvalidKnowledge` if it needs more than `MAX_BITS`."""
+    """Return the number itself. Raises `InvalidKnowledge` if it needs more than `MAX_BITS`."""
     if number.numerator.bit_length() > MAX_BITS or number.denominator.bit_length() > MAX_BITS:
         raise InvalidKnowledge(
             f"deciding the comparison exactly, as is done where a function has a rate, needs numbers of more than "
@@ -25,7 +25,7 @@ def bounded(number: Fraction) -> Fraction:
 
 
 def exactly(number: Number, t: int) -> Fraction:
-    """The value of a numeric function at a time (rule C7), without rounding."""
+    """Return the value of a numeric function at a time in nanoseconds (rule C7), without rounding."""
     return Fraction(number.value) + Fraction(number.rate) * (t - number.since) / SECOND
 
 
@@ -37,18 +37,18 @@ class Polynomial:
 
     @classmethod
     def of(cls, value: float) -> "Polynomial":
-        """A constant."""
+        """Make a constant."""
         return cls.trimmed([Fraction(value)])
 
     @classmethod
     def moving(cls, number: Number) -> "Polynomial":
-        """The value of a numeric function by the time (rule C7), without rounding."""
+        """Make the value of a numeric function as it depends on time (rule C7), without rounding."""
         rate = Fraction(number.rate) / SECOND
         return cls.trimmed([Fraction(number.value) - rate * number.since, rate])
 
     @classmethod
     def trimmed(cls, coefficients: list[Fraction]) -> "Polynomial":
-        """A polynomial whose leading coefficients may be zero. Raises what `bounded` does."""
+        """Make a polynomial of coefficients, the last of which may be zero. Raises what `bounded` does."""
         while coefficients and not coefficients[-1]:
             coefficients.pop()
         return cls(tuple([bounded(c) for c in coefficients]))

@@ -32,7 +32,7 @@ from kbstore.model.stratification import strata
 from kbstore.names import is_wildcard, key
 
 _MAX_CLAUSES = 64
-"""A rule whose disjunctions multiply to more clauses keeps some of them as they are."""
+"""In a rule whose disjunctions multiply to more clauses, some disjunctions remain as they are."""
 
 
 @dataclass(frozen=True)
@@ -94,12 +94,12 @@ class Program:
 
 @lru_cache(maxsize=64)
 def program(domain: Domain) -> Program:
-    """The rules of a domain, ready to be evaluated.
+    """Compile the rules of a domain.
 
     Raises `InvalidKnowledge` or `UnknownSymbol` for rules that are not well-formed or not stratified.
     """
     for name, rules in domain.rules.items():
-        # what cannot be computed is never asked for
+        # a predicate that cannot be computed is never asked for
         for rule in rules if name not in domain.uncomputed else ():
             check(rule.condition, domain, {p.name: p.name for p in rule.head.parameters})
     order = strata(domain)
@@ -130,7 +130,7 @@ def _alternatives(condition: Formula) -> tuple[Formula, ...]:
 
 
 def _compiled(own: Signature, condition: Formula, domain: Domain) -> Rule:
-    """The rule, its head's variables restricted to the types of both the rule and the predicate's declaration."""
+    """Compile a rule; its head's variables are of the types of both the rule and the predicate's declaration."""
     head = tuple(key(p.name) for p in own.parameters)
     declared = domain.predicate_signature(own.name)
     if len(head) != len(declared.parameters):
@@ -161,7 +161,7 @@ def _compares(condition: Formula) -> bool:
 
 
 def _liftable(condition: Formula, variables: Variables) -> frozenset[str]:
-    """The quantified variables that can be joined with the head's: declared once, and nowhere used outside."""
+    """Return the quantified variables that can be joined with the head's: declared once, and nowhere used outside."""
     declared = Counter(list(variables))
     loose = set[str]()
     for occurrence in walk(condition, variables):
@@ -179,9 +179,9 @@ _Body = tuple[Variables, tuple[Formula, ...]]
 
 
 def bodies(condition: Formula, positive: bool, liftable: frozenset[str]) -> list[_Body]:
-    """The disjunctive normal form of a condition (or, if not `positive`, of its negation), as far as it pays.
+    """Return the disjunctive normal form of a condition (or, if not `positive`, of its negation), as far as it pays.
 
-    Quantifiers whose variables are `liftable` are dissolved where they stand for an existence.
+    Existential quantifiers (and negated universal ones) are dissolved if all of their variables are `liftable`.
     """
     match condition:
         case Not(part):
@@ -203,7 +203,7 @@ def bodies(condition: Formula, positive: bool, liftable: frozenset[str]) -> list
 
 
 def _multiplied(parts: tuple[Formula, ...], alternatives: list[list[_Body]], positive: bool) -> list[_Body]:
-    """Every choice of one body of each part, unless these are too many: then parts with a choice stay as they are."""
+    """Return every choice of one body of each part; if these would be too many, some parts remain as they are."""
     number = 1
     for i, found in enumerate(alternatives):
         if number * len(found) > _MAX_CLAUSES:

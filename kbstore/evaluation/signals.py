@@ -14,7 +14,7 @@ Signal = list[tuple[int, Truth]]
 
 
 def painted(span: Span, pieces: Iterable[tuple[int, int, Truth]], background: Truth) -> Signal:
-    """The signal of pieces that are in order and do not overlap; between them the background holds."""
+    """Return the signal of pieces that are in order and do not overlap; between them is the background."""
     signal: Signal = []
     now, last = span[0], None
     for start, end, truth in pieces:
@@ -33,22 +33,22 @@ def painted(span: Span, pieces: Iterable[tuple[int, int, Truth]], background: Tr
 
 
 def inverted(signal: Signal) -> Signal:
-    """Negation at every time."""
+    """Return the negation at every time."""
     return [(t, ~truth) for t, truth in signal]
 
 
 def false_else_unknown(signal: Signal) -> Signal:
-    """False where a signal of two values is true, else unknown."""
+    """Return the signal that is false where a signal without unknown is true, else unknown."""
     return [(t, Truth.FALSE if truth is Truth.TRUE else Truth.UNKNOWN) for t, truth in signal]
 
 
 def conjunction(signals: Sequence[Signal], start: int) -> Signal:
-    """Conjunction at every time: false where any signal is, else unknown where any is, else true."""
+    """Return the conjunction at every time: false where any signal is, else unknown where any is, else true."""
     return _swept(signals, start, Truth.FALSE, Truth.TRUE)
 
 
 def disjunction(signals: Sequence[Signal], start: int) -> Signal:
-    """Disjunction at every time: true where any signal is, else unknown where any is, else false."""
+    """Return the disjunction at every time: true where any signal is, else unknown where any is, else false."""
     return _swept(signals, start, Truth.TRUE, Truth.FALSE)
 
 
@@ -66,7 +66,7 @@ def pieces(signal: Signal, span: Span) -> list[tuple[int, int, Truth]]:
 
 
 def _swept(signals: Sequence[Signal], start: int, decisive: Truth, neutral: Truth) -> Signal:
-    """At every time: `decisive` if any signal is, else unknown if any is, else `neutral`."""
+    """Return `decisive` at every time at which any signal is, else unknown if any is, else `neutral`."""
     if len(signals) == 1:
         return signals[0]
     steps: list[tuple[int, int, int]] = []  # time, change in the number of decisive signals, and of unknown ones

@@ -14,7 +14,7 @@ StateRow = tuple[Timeline, int, Value]
 
 
 class Snapshot:
-    """The state at one time, from the assertions that hold; indexed when first asked."""
+    """The state at one time, from the assertions that hold; indexed when it is first asked."""
 
     def __init__(self, time: int, rows: Sequence[StateRow], domain: Domain | None, use_unknowns: bool) -> None:
         self.time = time
@@ -32,7 +32,7 @@ class Snapshot:
         """The assertion that holds on one timeline of the state."""
         by_key = self._by_key.get(kind)
         if by_key is None:
-            # most states are asked one question: one pass is cheaper than any order among the rows
+            # most states are asked one question, for which one pass is cheaper than sorting the rows
             by_key = self._by_key[kind] = {
                 row[0].key: row for row in self.rows if row[0].kind is kind and row[0].role is Role.STATE
             }

@@ -1,4 +1,4 @@
-"""Two views of a trajectory: read once and remembered, and at one time of its span."""
+"""Two views of a trajectory: one that caches what it reads, and one at a single time of the span."""
 
 from bisect import bisect_right
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
@@ -33,7 +33,7 @@ class CachedTrajectory:
         return _remembered(self._signs, (name, arguments), lambda: self._trajectory.signs(name, arguments))
 
     def all_signs(self, name: str) -> Mapping[Arguments, Sequence[tuple[int, int, bool]]]:
-        """The same for every fact of a predicate that is asserted or denied somewhere in the span."""
+        """The pieces of every fact of a predicate that is asserted or denied somewhere in the span."""
         return _remembered(self._all_signs, name, lambda: self._trajectory.all_signs(name))
 
     def numbers(self, name: str, arguments: Arguments) -> Sequence[tuple[int, int, Number]]:
@@ -41,7 +41,7 @@ class CachedTrajectory:
         return _remembered(self._numbers, (name, arguments), lambda: self._trajectory.numbers(name, arguments))
 
     def lifespans(self, types: Iterable[str]) -> Mapping[str, Sequence[Span]]:
-        """The objects of some types that exist somewhere in the span, with when."""
+        """The objects of some types that exist somewhere in the span, with their lifespans."""
         wanted = tuple(types)
         return _remembered(self._lifespans, wanted, lambda: self._trajectory.lifespans(wanted))
 

@@ -31,7 +31,7 @@ from kbstore.model.symbols import arity_problem
 from kbstore.names import key
 
 MAX_DEPTH = 160
-"""Conditions nested deeper are refused, so that whoever walks through one may be recursive."""
+"""Conditions nested deeper are refused, so that functions over them may be recursive."""
 
 
 def check(
@@ -41,14 +41,15 @@ def check(
     *,
     duration: float | None = None,
 ) -> None:
-    """Refuse a condition that has no meaning, in whichever of its branches.
+    """Refuse a condition without a meaning, in any of its branches.
 
     A variable without a binding is a wildcard in an atom, and refused elsewhere. Objects need not exist. Without a
     domain every symbol is known.
 
     Raises:
         UnknownSymbol: a predicate, function or type that the domain does not know.
-        InvalidKnowledge: wrong arity, a loose variable, ``?duration`` without a duration, nesting beyond `MAX_DEPTH`.
+        InvalidKnowledge: a wrong number of arguments, a variable without a binding outside of atoms, ``?duration``
+            without a duration, nesting beyond `MAX_DEPTH`.
     """
     todo: list[tuple[Formula, Bindings, int]] = [(condition, keyed(bindings), 1)]
     while todo:
@@ -81,7 +82,7 @@ def check(
 
 
 def _check_computed(atom: Atom, domain: Domain | None) -> None:
-    """Refuse what is kept, but not computed: object fluents, and after now what processes and events change."""
+    """Refuse what is stored but not computed: object fluents, and after now what processes and events change."""
     if domain is not None and domain.uncomputed:
         named = (atom.name, *(name for argument in atom.arguments for name in object_terms(argument)))
         reason = next(filter(None, (domain.uncomputed.get(key(name)) for name in named)), None)
@@ -96,7 +97,7 @@ def _check_arity(atom: Atom, signature: Signature | None) -> None:
 
 
 def _declared(parameters: tuple[Parameter, ...], domain: Domain | None) -> dict[str, str]:
-    """A stand-in for each variable that a quantifier binds."""
+    """Return a binding for each variable that a quantifier binds."""
     declared: dict[str, str] = {}
     for parameter in parameters:
         _check_types(parameter.types, domain)
@@ -127,7 +128,7 @@ def check_expression(
     *,
     duration: float | None = None,
 ) -> None:
-    """Refuse an expression that has no meaning; arguments and errors are those of `check`."""
+    """Refuse an expression without a meaning; arguments and errors are those of `check`."""
     known = keyed(bindings)
 
     def check_token(token: Token) -> None:

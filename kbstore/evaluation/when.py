@@ -76,7 +76,7 @@ def truths(
 
 
 class SignalEvaluator:
-    """The signals of conditions over one trajectory. They must be well-formed; unknown symbols assert nothing."""
+    """Computes the signals of conditions over one trajectory; the conditions have been checked (`check`)."""
 
     def __init__(self, trajectory: Trajectory, *, duration: float | None = None) -> None:
         self._trajectory = CachedTrajectory(trajectory)
@@ -87,9 +87,9 @@ class SignalEvaluator:
         self._rows: dict[str, Relation] = {}
 
     def of(self, condition: Formula, bindings: Bindings) -> Signal:
-        """The signal of a condition, with objects for its free variables."""
+        """Return the signal of a condition, with objects for its free variables."""
         for node, _, scope in walk(condition, {}):
-            # of a predicate that is asked of many objects, everything is read at once
+            # a predicate with a quantified variable is read for many objects: one read of everything is cheaper
             if isinstance(node, Atom) and any(is_variable(a, scope) for a in node.arguments):
                 self._trajectory.all_signs(key(node.name))
         return self._signal(condition, bindings)
@@ -132,7 +132,7 @@ class SignalEvaluator:
         return signals.disjunction(parts, self._start)
 
     def _quantified(self, quantified: Exists | Forall, bindings: Bindings) -> Signal:
-        """`Forall` as the absence of a counterexample; an object counts only while it exists."""
+        """Return the signal of a quantifier: `Forall` has no counterexample; objects count only while they exist."""
         variables, witness = variables_of(quantified.parameters), isinstance(quantified, Exists)
         guarded = [guard for atom in guards(quantified.part, witness) for guard in self._guard(atom)]
         instances = []
@@ -143,7 +143,7 @@ class SignalEvaluator:
         return self._any(instances) if witness else signals.inverted(self._any(instances))
 
     def _guard(self, atom: Atom) -> Iterator[Guard]:
-        """The rows outside of which an atom is false throughout the span; in an open world they cannot be listed."""
+        """Yield the rows without which an atom is false throughout the span; in an open world they cannot be listed."""
         if self._trajectory.use_unknowns:
             return
         name = key(atom.name)
@@ -157,7 +157,7 @@ class SignalEvaluator:
     # -- derived predicates -----------------------------------------------------------------------------------
 
     def _derived_atom(self, name: str, wanted: Pattern) -> Signal:
-        """A derived atom; of objects that do not exist it is absent (rule V8)."""
+        """Return the signal of a derived atom; it is absent while one of its objects does not exist (rule V8)."""
         signal_of = self._derived_signals(name)
         found = [signal_of[row] for row in self._rows[name].matching(wanted)]
         if self._trajectory.use_unknowns:
@@ -167,7 +167,7 @@ class SignalEvaluator:
         return self._any(found)
 
     def _derived_signals(self, name: str) -> Mapping[Arguments, Signal]:
-        """The signals of all rows of which a derived predicate is not false throughout the span."""
+        """Return the signals of all rows for which a derived predicate is not false throughout the span."""
         if name not in self._derived:
             rows: dict[Arguments, Signal] = {}
             before: dict[Arguments, Truth] = {}
@@ -186,7 +186,7 @@ class SignalEvaluator:
         return self._derived[name]
 
     def _turning_points(self, name: str) -> set[int]:
-        """The times at which something changes on which a derived predicate depends, and the start of the span."""
+        """Return the start of the span, and each time at which something that a derived predicate reads changes."""
         domain = self._trajectory.domain
         if domain is None:
             raise ValueError("only a domain has derived predicates")
@@ -209,7 +209,7 @@ class SignalEvaluator:
         return {self._start} | signals.changes(found)
 
     def _fact_signals(self, atom: Atom, scope: Variables) -> Iterator[Signal]:
-        """Signals that change wherever an atom in a rule may change, for any binding of its variables."""
+        """Yield signals that change wherever an atom in a rule may change, for any binding of its variables."""
         name, wanted = key(atom.name), pattern(atom, {variable: variable for variable in scope})
         for argument in atom.arguments:
             if not is_wildcard(argument):

@@ -22,8 +22,8 @@ class Action:
     """An operator with all of its conditions and effects.
 
     An instantaneous action has its precondition and effects at `Timing.AT_START`. A continuous effect belongs to
-    the whole of a durative action, and is in `effects` with `Timing.OVER_ALL`. What a sensing action is to
-    `observe` is kept, not computed (rule P4).
+    the whole of a durative action, and is in `effects` with `Timing.OVER_ALL`. The `observe` condition of a sensing
+    action is stored and written back, but not computed (rule P4).
     """
 
     name: str

@@ -43,7 +43,7 @@ class DerivedRule:
 
 @dataclass(frozen=True)
 class ObjectFluent:
-    """A function whose value is an object of one of some types (PDDL 3.1): kept, not computed (rule P4)."""
+    """A function whose value is an object of one of `types` (PDDL 3.1): stored, but not computed (rule P4)."""
 
     signature: Signature
     types: tuple[str, ...]
@@ -51,7 +51,7 @@ class ObjectFluent:
 
 @dataclass(frozen=True)
 class Event:
-    """A process or an event (PDDL+): kept, not computed (rule P4).
+    """A process or an event (PDDL+): stored, but not computed (rule P4).
 
     `changes` are the keys of the predicates and functions in its effects.
     """
@@ -110,7 +110,7 @@ class Domain:
         return _find(self.function_signatures, name, "function", self.name)
 
     def symbol(self, name: str) -> Signature:
-        """The signature of the predicate or numeric function of that name. Raises `UnknownSymbol`."""
+        """The signature of a predicate or numeric function. Raises `UnknownSymbol`."""
         symbols = {**self.function_signatures, **self.predicate_signatures}
         return _find(symbols, name, "predicate or function", self.name)
 
@@ -128,25 +128,25 @@ class Domain:
         return key(name) in self.sensed
 
     def with_sensed(self, name: str, sensed: bool) -> Self:
-        """The domain with a predicate marked as sensed or not."""
+        """Return the domain with a predicate or function marked as sensed, or not. Raises `UnknownSymbol`."""
         self.is_sensed(name)
         marks = self.sensed | {key(name)} if sensed else self.sensed - {key(name)}
         return replace(self, sensed=frozenset(marks))
 
     def marked(self, names: Iterable[str]) -> Self:
-        """The domain with exactly these predicates, by their keys, marked as sensed."""
+        """Return the domain with exactly these predicates and functions, given by their keys, marked as sensed."""
         return replace(self, sensed=frozenset(names))
 
-    # -- what is kept, and not computed (rule P4) -------------------------------------------------------------
+    # -- what is not computed (rule P4) -----------------------------------------------------------------------
 
     @cached_property
     def forecast(self) -> Self:
-        """The domain for questions about times after now, of which processes and events may change the answer."""
+        """The domain for questions about times after now, whose answers processes and events may change."""
         return replace(self, is_forecast=True) if self.events and not self.is_forecast else self
 
     @cached_property
     def uncomputed(self) -> Mapping[str, str]:
-        """Why questions that read a predicate or function, by its key, cannot be answered; mostly empty."""
+        """The reasons for which predicates and functions, by their keys, cannot be read by questions; mostly empty."""
         reasons = {
             name: f"{fluent.signature.name} is an object fluent, which is kept and written back, but not computed"
             for name, fluent in self.object_fluents.items()
@@ -231,7 +231,7 @@ class Domain:
         return ROOT_TYPE in wanted or any(type_key in wanted for type_key in self.supertypes(name))
 
     def subtypes(self, of: tuple[str, ...]) -> frozenset[str]:
-        """The keys of some types and of all below them."""
+        """The keys of the types `of` and of all types below them."""
         found = self._subtypes.get(of)
         if found is None:
             known = [*self._type_spellings, ROOT_TYPE]

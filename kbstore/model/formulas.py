@@ -214,7 +214,7 @@ class ForEach:
 
 @dataclass(frozen=True, slots=True)
 class AssignObject:
-    """The effect that an object fluent takes another value; kept, not computed (rule P4)."""
+    """The effect that an object fluent takes another value; stored, but not computed (rule P4)."""
 
     function: Atom
     value: str
@@ -277,9 +277,9 @@ def map_children(node: Formula, f: Callable[[Formula], Formula]) -> Formula:
 
 
 def object_terms(argument: str) -> list[str]:
-    """Return the object fluents in an argument, as in ``(location ?r)``; any other argument is a plain name.
+    """Return the object fluents in an argument like ``(location ?r)``; a plain name has none.
 
-    Such an argument is kept as text, as object fluents are not computed (rule P4).
+    Such an argument remains text, as object fluents are not computed (rule P4).
     """
     return _TERM.findall(argument) if argument[:1] == "(" else []
 

@@ -5,7 +5,7 @@ from html import escape
 from itertools import islice
 
 LONGEST = 200
-"""Rows of a part that are shown; of more, the number of the others."""
+"""Rows of a part that are shown; the number of the others follows."""
 
 Row = Sequence[object]
 

@@ -1,6 +1,6 @@
 """Small timelines in SVG, as notebooks show histories, differences and states: no script, readable in dark and light.
 
-The colours of lines and texts are those around the picture. A bar tells its times where the pointer rests on it.
+The colours of lines and texts are those around the picture. A bar shows its times as a tooltip.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -9,17 +9,18 @@ from enum import StrEnum
 from html import escape
 from typing import TYPE_CHECKING
 
-from kbstore.clock import SECOND, isoformat
+from kbstore.clock import isoformat
 from kbstore.messages.enums import KnowledgeType
+from kbstore.model.timelines import moved
 
 if TYPE_CHECKING:
     from kbstore.model.results import Assertion, Diff
 
 MOST_LANES = 25
-"""Lanes that are drawn; of more, the number of the others."""
+"""Lanes that are drawn; the number of the others is below them."""
 
 MOST_BARS = 500
-"""Assertions of a history that are drawn, the latest."""
+"""Assertions of a history that are drawn: the latest ones."""
 
 WIDTH, MARGIN, HEIGHT = 760, 230, 18
 """Pixels of a picture, of its labels, and of a lane."""
@@ -43,7 +44,7 @@ class Look(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Bar:
-    """A span of time, up to the right edge if `end` is None; of a number, with its values at both ends."""
+    """A span of time, up to the right edge if `end` is None; `values` are a number's values at both ends."""
 
     start: int
     end: int | None
@@ -61,7 +62,7 @@ class Lane:
 
 
 def timeline(lanes: Sequence[Lane], marks: Iterable[tuple[int, str]] = (), note: str = "") -> str:
-    """Draw lanes over time, with marks across them and a note below; nothing where there is nothing to draw."""
+    """Draw lanes over time, with marks across them and a note below; an empty text if there is nothing to draw."""
     marks = list(marks)
     times = [t for lane in lanes for bar in lane.bars for t in (bar.start, bar.end) if t is not None]
     times += [t for t, _ in marks]
@@ -124,7 +125,7 @@ def history_picture(assertions: Sequence["Assertion"]) -> str:
 
 
 def diff_picture(diff: "Diff") -> str:
-    """Draw what held before and what holds after, side by side, and how numbers changed."""
+    """Draw what held before beside what holds after, and how numbers changed."""
     rows: list[tuple[str, str, str]] = []
     for items, before, after in (
         (diff.became_true, "", Look.TRUE),
@@ -172,7 +173,7 @@ def _look(found: "Assertion", known: int, *, is_number: bool) -> Look:
 def _values(found: "Assertion") -> tuple[float, float]:
     value = float(getattr(found.item, "function_value", 0.0) or 0.0)
     lasted = 0 if found.end_time is None else found.end_time - found.initial_time
-    return value, value + getattr(found.item, "rate", 0.0) * (lasted / SECOND)
+    return value, moved(value, getattr(found.item, "rate", 0.0), lasted)
 
 
 def _positive(text: str) -> str:
@@ -182,7 +183,7 @@ def _positive(text: str) -> str:
 def _bars(
     bars: Sequence[Bar], x: Callable[[int | None], float], y: float, height: float, values: Sequence[float]
 ) -> Iterator[str]:
-    """The bars of a lane; those of no length as ticks, numbers as lines between the lowest and the highest value."""
+    """Draw the bars of a lane: those of no length as ticks, numbers as lines from the lowest to the highest value."""
     low = min(values, default=0.0)
     room = (max(values, default=0.0) - low) or 1
 

@@ -1,7 +1,7 @@
 """Answers as plain data for JSON: dicts, lists, texts and numbers.
 
-Each time comes twice: as ISO 8601 text (exact, to the nanosecond), and as an integer of nanoseconds under a name that
-ends in ``_ns``. Each piece of knowledge comes as ``pddl`` text and as ``item``, a message in the shape of ROS's.
+Each time is given twice: as ISO 8601 text (exact to the nanosecond), and as an integer of nanoseconds under a name that
+ends in ``_ns``. Each piece of knowledge is given as ``pddl`` text and as ``item``, in the shape of the ROS message.
 """
 
 from collections.abc import Iterable
@@ -16,11 +16,11 @@ from kbstore.messages import Message
 Data = dict[str, Any]
 
 TIMES = frozenset(("time", "initial_time", "end_time", "since", "until", "started", "history_from"))
-"""The names of the fields of results that are times."""
+"""The names of those fields of results that are times."""
 
 
 class Result:
-    """The base of the dataclasses that questions answer with."""
+    """The base of the dataclasses that are answers to questions."""
 
     __slots__ = ()
 

@@ -1,7 +1,7 @@
 """The results of questions: transactions, assertions, changes, differences, runs, explanations.
 
-They are frozen dataclasses: a web framework can take them as response models, and `to_dict` gives plain data. Their
-reprs are short, for a person who reads them in a REPL; `str` is longer in some.
+They are frozen dataclasses: a web framework can take them as response models, and `to_dict` returns plain data. Their
+reprs are short, for a person who reads them in a REPL; some have a longer `str`.
 """
 
 from collections.abc import Iterator
@@ -44,10 +44,10 @@ AsOf = TimeLike | Transaction
 class Assertion(Result):
     """One row of history: the item held from `initial_time` until `end_time` (None while open).
 
-    `recorded`, `ended`, `cancelled` and `superseded` are the transactions that did so. An end that came, or is to
-    come, by the clock (the next assertion, the end of an object) is the doing of the transaction that had scheduled
-    it. Where late knowledge has changed an assertion, it stays as it had been, superseded; what is left of it is
-    recorded by the transaction that recorded it first. `is_goal` distinguishes a goal from a part of the state.
+    `recorded`, `ended`, `cancelled` and `superseded` are the transactions that did so. An end by the clock (the next
+    assertion, the end of an object), past or to come, has the transaction that scheduled it as `ended`. An assertion
+    that late knowledge changed remains as it was, superseded; what is left of it is another assertion, with the
+    transaction that first recorded it. `is_goal` distinguishes a goal from a part of the state.
     """
 
     item: KnowledgeItem | Condition
@@ -95,9 +95,9 @@ class Assertions(list[Assertion]):
 class Change(Result):
     """The changes of one transaction; or, from `watch`, what took effect by the clock alone at `time`.
 
-    What late knowledge leaves of an assertion that it supersedes is asserted again: without what is superseded, and
-    with what is asserted, is what is known.
-    `broken` has the over-all conditions of runs that are broken from then on (rule O6), from `watch` without a pattern.
+    What late knowledge leaves of an assertion that it supersedes is asserted again: take away what is `superseded`, add
+    what is `asserted`, and you have what is known. `broken` has the over-all conditions of runs that are broken from
+    then on (rule O6); only `watch` without a pattern fills it.
     """
 
     number: int
@@ -111,7 +111,7 @@ class Change(Result):
 
     @property
     def by_clock(self) -> bool:
-        """Whether it took effect by the clock alone, and not by a transaction."""
+        """Whether the change took effect by the clock alone, and not by a transaction."""
         return self.time != self.transaction.time
 
     def __repr__(self) -> str:
@@ -196,7 +196,7 @@ class Diff(Result):
 class Broken(Result):
     """An over-all condition of a run that was not true in ``[since, until)`` (rule O6); `until` None: it still is not.
 
-    `truth` is false, or unknown, also where it could not be decided.
+    `truth` is false or unknown; it is also unknown where the condition could not be decided.
     """
 
     condition: str
@@ -218,10 +218,10 @@ class Broken(Result):
 class Run(Result):
     """A durative action that runs, or ran.
 
-    `started` and `duration` are in nanoseconds; `duration_s` is the exact duration in seconds, of which `duration` is
-    the rounding (None: exactly `duration`). `forced` has the conditions that ``force=True`` overruled (rule O7).
+    `started` and `duration` are in nanoseconds; `duration_s` is the exact duration in seconds, which `duration` rounds
+    (None: `duration` is exact). `forced` has the conditions that ``force=True`` overruled (rule O7).
 
-    From `KnowledgeBase.runs` also: when it `ended` (None while it runs), its `outcome` ("running", "ended" or
+    `KnowledgeBase.runs` also fills: when it `ended` (None while it runs), its `outcome` ("running", "ended" or
     "aborted"), the numbers of the transactions that started and ended it, and which invariants were `broken` when.
     """
 
@@ -239,22 +239,25 @@ class Run(Result):
     broken: tuple[Broken, ...] = field(default=(), compare=False)
 
     @property
+    def action(self) -> str:
+        """The action in PDDL: ``(goto_waypoint kenny wp0 wp7)``."""
+        return f"({' '.join((self.operator, *self.arguments))})"
+
+    @property
     def seconds(self) -> float:
-        """The value of ``?duration``."""
+        """The value of ``?duration``, in seconds."""
         return self.duration / SECOND if self.duration_s is None else self.duration_s
 
     @property
     def expected_end(self) -> int:
-        """The time at which its end is expected."""
+        """The time at which its end is expected, in nanoseconds."""
         return self.started + self.duration
 
     def __str__(self) -> str:
-        action = f"({' '.join((self.operator, *self.arguments))})"
-        return f"{action} since {isoformat(self.started)} for {format_number(self.duration / SECOND)} s"
+        return f"{self.action} since {isoformat(self.started)} for {format_number(self.duration / SECOND)} s"
 
     def __repr__(self) -> str:
-        action = f"({' '.join((self.operator, *self.arguments))})"
-        return f"Run({action!r}, started={isoformat(self.started)!r}, {format_number(self.seconds)} s)"
+        return f"Run({self.action!r}, started={isoformat(self.started)!r}, {format_number(self.seconds)} s)"
 
     def to_dict(self) -> Data:
         """Return the run as plain data."""
@@ -265,7 +268,7 @@ class Run(Result):
 
 @dataclass(frozen=True, slots=True)
 class QueryResult(Result):
-    """The original's answer to a query: one bool for each item, and the items that are not true."""
+    """The answer to a query, in the form of ROSPlan's: one bool for each item, and the items that are not true."""
 
     all_true: bool
     results: list[bool]
@@ -279,8 +282,9 @@ class QueryResult(Result):
 class FailingCondition(Result):
     """A condition of an operator that does not hold, and since when.
 
-    `since` is from when on it has been what it is, false or unknown. None where nothing was ever said that would have
-    made it different, where it is a matter of ``?duration``, and where that lies before the history that is kept.
+    `since` is the time from which it has had its `truth`, false or unknown, without interruption. It is None if the
+    condition never had another truth, if it depends on ``?duration``, or if that time is before the history in the
+    store.
     """
 
     condition: str
@@ -297,7 +301,7 @@ class FailingCondition(Result):
 
 @dataclass(frozen=True, slots=True)
 class Applicability(Result):
-    """Whether an operator can be applied; true or false as such, and the conditions that fail."""
+    """Whether an operator can be applied, as its own truth value, and the conditions that fail."""
 
     failing: list[FailingCondition]
 
@@ -327,9 +331,9 @@ class Ended(Transaction):
 class Explanation(Result):
     """Why a fact or a condition is true, false or unknown.
 
-    `reason` is one of: asserted, explicitly false, never told, removed, expired with its instance, undefined
-    function, expected at the end of an action that runs, or, of a condition, what its deciding `parts` come to.
-    `transaction` made it so, at `since`; of what is expected, it started the action.
+    `reason` is one of: asserted, explicitly false, never told, removed, expired with its instance, undefined function,
+    expected at the end of an action that runs; for a condition, it sums up the deciding `parts`. `transaction` made it
+    so, at `since`. If it is only expected, `transaction` started the action.
     """
 
     subject: str
@@ -357,7 +361,7 @@ def _number(value: float | None) -> str:
 
 
 def _counted(*counts: tuple[int, str]) -> str:
-    """Counts with their nouns, without those that are 0."""
+    """List counts with their nouns, without those that are 0."""
     return ", ".join(f"{number} {noun}" + ("" if number == 1 else "s") for number, noun in counts if number)
 
 

@@ -37,7 +37,7 @@ class SymbolTable:
         return self.domain.function_signature(name)
 
     def labels(self, kind: KnowledgeType, name: str, arity: int) -> Sequence[str]:
-        """The labels that the arguments of a stored atom are shown with."""
+        """Return the labels with which the arguments of a stored atom are shown."""
         if self.domain is not None:
             symbols = (
                 self.domain.predicate_signatures if kind is KnowledgeType.FACT else self.domain.function_signatures
@@ -51,7 +51,7 @@ class SymbolTable:
         return _numbered(arity)
 
     def is_function(self, name: str) -> bool:
-        """Return whether a name is that of a numeric function, and not of a predicate."""
+        """Return whether a name is that of a numeric function, and not of a predicate as well."""
         if self.domain is not None:
             return key(name) in self.domain.function_signatures and key(name) not in self.domain.predicate_signatures
         shapes = self.shapes
@@ -68,7 +68,7 @@ class SymbolTable:
     def ordered(
         self, kind: KnowledgeType, name: str, arguments: Sequence[str], labels: Sequence[str]
     ) -> tuple[str, tuple[str, ...]]:
-        """The symbol as it is spelled, and the arguments in the order of its parameters.
+        """Return the symbol as it is spelled, and the arguments in the order of its parameters.
 
         Raises `UnknownSymbol` for a symbol that the domain does not know, `InvalidKnowledge` for a wrong number of
         arguments or for labels that are not those of the parameters (rules D1, D2).
@@ -105,7 +105,7 @@ class SymbolTable:
         return spelled, tuple(by_label[label] for label in expected)
 
     def learn(self, kind: KnowledgeType, name: str, arity: int, labels: Sequence[str]) -> InferredSignature | None:
-        """Keep the shape of a symbol's first use, and its first labels; the shape if that is new."""
+        """Record the signature of a symbol's first use, and its first labels; return it if that is new."""
         if self.domain is not None:
             return None
         known = self.shapes.get((kind, key(name)))
@@ -123,7 +123,7 @@ def _numbered(arity: int) -> tuple[str, ...]:
 
 
 def arity_problem(atom: Atom, declared: Signature | Action) -> str | None:
-    """The sentence for an atom, or an action, with another number of arguments than declared; None if it fits."""
+    """Return what is wrong with an atom or action whose number of arguments is not as declared; None if it fits."""
     if len(atom.arguments) == len(declared.parameters):
         return None
     parameters = " ".join((declared.name, *(f"?{p.name} - {p.type_text}" for p in declared.parameters)))
@@ -137,7 +137,9 @@ def _wrong_arity(atom: Atom, expected: str) -> str:
 def _refuse_repeated(atom: Atom, labels: Sequence[str]) -> None:
     given = [key(label) for label in labels if label]
     if len(set(given)) != len(given):
-        raise InvalidKnowledge(f"{one_line(str(atom))}: a label is given twice: {', '.join(given)}")
+        raise InvalidKnowledge(
+            f"{one_line(str(atom))}: a label is given twice among {', '.join(given)}; give each argument its own label"
+        )
 
 
 def _count(number: int, noun: str) -> str:

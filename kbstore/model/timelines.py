@@ -1,4 +1,4 @@
-"""Timelines: what an assertion is about, and how a knowledge item becomes one and is read back.
+"""Timelines: the subjects of assertions, and the values that hold on them.
 
 A timeline is the whole life of one ground thing in one role. What holds on it at a time is a *value*: a tuple
 of `is_negative` and the columns of the knowledge type's own table, in their order:
@@ -7,7 +7,7 @@ of `is_negative` and the columns of the knowledge type's own table, in their ord
 INSTANCE     ``(is_negative, type)``
 FACT         ``(is_negative,)``
 FUNCTION     ``(False, value at its initial time, own rate, rate)``
-EXPRESSION   ``(False, optimization, expression)``, of a condition ``(False, "", text)``
+EXPRESSION   ``(False, optimization, expression)``; a condition: ``(False, "", text)``
 INEQUALITY   ``(is_negative, comparison, left side, right side, grounded)``
 ===========  ===============================================================
 """
@@ -23,6 +23,7 @@ from kbstore.messages.enums import KnowledgeType
 Value = tuple[Any, ...]
 
 LONGEST_KEY = 500
+"""Characters of a key that are stored; the index entries of PostgreSQL have a limit."""
 
 METRIC_KEY = ""
 """The key of the one timeline of the metric (rule C11)."""
@@ -64,12 +65,12 @@ class Timeline:
     __slots__ = ("_words", "id", "identity", "key", "keys", "kind", "role", "shown", "spelling")
 
     keys: tuple[str, ...]
-    """The words of the key: of an atom its symbol and its objects."""
+    """The words of the key: an atom's symbol and objects, or all of any other key."""
     identity: Identity
     """Role, knowledge type and key."""
     _words: tuple[str, ...]
     shown: tuple[Sequence[str], tuple[Any, ...]] | None
-    """The labels with which the arguments were shown last, and what was made of the two."""
+    """The labels with which the arguments were last shown, and the labelled arguments."""
 
     def __init__(self, id: int, role: int, kind: int, key: str, spelling: str | None) -> None:
         self.id = id
@@ -81,7 +82,7 @@ class Timeline:
         self.shown = None
 
     def __getattr__(self, name: str) -> Any:
-        """A slot that is not filled yet: a state has a thousand timelines, and most questions are about one."""
+        """Fill a slot when it is first read: a state has a thousand timelines, and most questions are about one."""
         if name == "keys":
             self.keys = self._split(self.key)
             return self.keys
@@ -98,7 +99,7 @@ class Timeline:
 
     @property
     def name(self) -> str:
-        """The symbol of an atom, as first written; of anything else, all of it."""
+        """The symbol of an atom, or all of any other subject, as first written."""
         return self._words[0]
 
     @property
@@ -116,16 +117,16 @@ _ATOMS = frozenset((KnowledgeType.FACT, KnowledgeType.FUNCTION))
 
 
 def atom_key(names: Sequence[str]) -> str:
-    """The key of the timeline of an atom: its symbol and its arguments, each as it is compared.
+    """Return the key of an atom's timeline: its symbol and its arguments, each as it is compared.
 
-    Where a name has a space, as none that is stored has, it is a key that no timeline has.
+    A name with a space, which no stored name has, gives a key that no timeline has.
     """
     found = " ".join(names)
     return found if found.count(" ") < len(names) else "\0"
 
 
 def stored_key(key: str) -> str:
-    """The key as it is stored: of a very long one, its beginning and a digest, as indexes have a limit."""
+    """Return a key as it is stored: a very long one is cut to `LONGEST_KEY`, and a digest of all of it follows."""
     if len(key) <= LONGEST_KEY:
         return key
     return f"{key[:LONGEST_KEY]} #{sha256(key.encode()).hexdigest()}"
@@ -137,7 +138,10 @@ def fact_value(is_negative: bool) -> Value:
 
 
 def number_at(value: Value, initial_time: int, t: int) -> float:
-    """The value at `t` of a function's assertion (rule C7, in that order of operations)."""
-    number: float = value[1]
-    rate: float = value[3]
-    return number + rate * ((t - initial_time) / SECOND) if rate else number
+    """Return the number at `t` of a function's value that holds from `initial_time` on."""
+    return moved(value[1], value[3], t - initial_time)
+
+
+def moved(number: float, rate: float, ns: int) -> float:
+    """Return a number after some nanoseconds at a rate per second (rule C7, in that order of operations)."""
+    return number + rate * (ns / SECOND) if rate else number

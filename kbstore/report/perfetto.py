@@ -73,7 +73,6 @@ class _Trace:
     def runs(self, found: list[Run]) -> Iterator[str]:
         """A slice for each run, from its start to its end."""
         for run in found:
-            action = f"({' '.join((run.operator, *run.arguments))})"
             place = self._place("action", run.operator, " ".join(run.arguments) or run.operator)
             args = {
                 "outcome": run.outcome,
@@ -83,7 +82,7 @@ class _Trace:
                 "broken": [*map(str, run.broken)],
                 "forced": [*run.forced],
             }
-            yield self._slice(run.started, run.ended, place, name=action, cat="run", args=args)
+            yield self._slice(run.started, run.ended, place, name=run.action, cat="run", args=args)
 
     def assertions(self, found: list[Assertion]) -> Iterator[str]:
         """A slice for each assertion of a fact, and the corners of numbers."""

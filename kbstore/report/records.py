@@ -63,7 +63,7 @@ def runs_view(runs: Sequence[Run]) -> RenderableType:
     moments = TimeFormat(times[0], brief=len({t // DAY for t in times}) == 1)
     rows = [
         (
-            action_text(run),
+            run.action,
             moments.absolute(run.started),
             moments.absolute(run.expected_end),
             moments.absolute(run.ended),
@@ -76,19 +76,12 @@ def runs_view(runs: Sequence[Run]) -> RenderableType:
     if moments.brief:
         found.insert(0, Text(f"Times of {isoformat(times[0])[:10]}, UTC", DIM))
     found += [
-        Text(
-            f"{action_text(run)}: {broken.condition} was {broken.truth} {moments.interval(broken.since, broken.until)}"
-        )
+        Text(f"{run.action}: {broken.condition} was {broken.truth} {moments.interval(broken.since, broken.until)}")
         for run in runs
         for broken in run.broken
     ]
-    found += [Text(f"{action_text(run)} was forced against {', '.join(run.forced)}") for run in runs if run.forced]
+    found += [Text(f"{run.action} was forced against {', '.join(run.forced)}") for run in runs if run.forced]
     return Group(*found)
-
-
-def action_text(run: Run) -> str:
-    """The action that ran, in PDDL."""
-    return f"({' '.join((run.operator, *run.arguments))})"
 
 
 def outcome(found: Assertion, moments: TimeFormat) -> str:

@@ -11,6 +11,7 @@ from kbstore.clock import SECOND, TimeLike, isoformat
 from kbstore.errors import InvalidKnowledge
 from kbstore.messages import Fact, Function
 from kbstore.model.results import AsOf, Assertion, Run, Transaction
+from kbstore.model.timelines import moved
 
 if TYPE_CHECKING:
     from kbstore.knowledge_base import KnowledgeBase
@@ -133,11 +134,11 @@ def nine_decimals(t: int) -> str:
 
 
 def end_value(found: Assertion) -> float | None:
-    """The value of a number where its assertion ends (rule C7); None where that is open."""
+    """Return the value of a number at the end of its assertion (rule C7); None while that is open."""
     item = found.item
     if not isinstance(item, Function) or found.end_time is None:
         return None
-    return (item.function_value or 0.0) + item.rate * ((found.end_time - found.initial_time) / SECOND)
+    return moved(item.function_value or 0.0, item.rate, found.end_time - found.initial_time)
 
 
 def _text(cell: Cell, kind: Kind) -> str:
@@ -182,7 +183,7 @@ def _record(found: Assertion) -> Row:
 
 def _run(run: Run) -> Row:
     return (
-        f"({' '.join((run.operator, *run.arguments))})",
+        run.action,
         run.operator,
         " ".join(run.arguments),
         run.started,

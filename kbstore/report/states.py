@@ -104,7 +104,7 @@ def running(runs: Sequence[Run], moments: TimeFormat, at: int) -> RenderableType
     """The running actions, and their expected ends."""
     rows = [
         (
-            f"({' '.join((run.operator, *run.arguments))})",
+            run.action,
             moments.absolute(run.started),
             f"{span(at - run.started)} of {span(run.duration)}",
             moments.absolute(run.expected_end) + (" (overdue)" if run.expected_end <= at else ""),

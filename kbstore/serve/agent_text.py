@@ -247,8 +247,7 @@ def _assertion(found: Assertion) -> str:
 
 
 def _run(run: Run) -> str:
-    action = f"({' '.join((run.operator, *run.arguments))})"
-    text = f"{action} {run.outcome}, started {isoformat(run.started)}"
+    text = f"{run.action} {run.outcome}, started {isoformat(run.started)}"
     if run.ended is None:
         text += f", expected to end {isoformat(run.expected_end)}"
     else:

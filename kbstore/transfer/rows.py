@@ -239,7 +239,3 @@ def is_archive(database: Database) -> bool:
     if database.dialect != "sqlite":
         return False
     return database.first(application_id, {}) == (ARCHIVE,)
-
-
-def _identity(record: Record) -> tuple[Any, ...]:
-    return record["role"], record["knowledge_type"], record["key"]

@@ -109,7 +109,7 @@ class Mission:
         return self._kb.start(operator, *arguments, duration=duration, client="mission", note=note)
 
     def _end(self, run: Run) -> None:
-        self._kb.end(run, client="mission", note=f"end ({' '.join((run.operator, *run.arguments))})")
+        self._kb.end(run, client="mission", note=f"end {run.action}")
 
 
 def record(url: str) -> KnowledgeBase:

@@ -9,6 +9,7 @@ from rich.console import Console, ConsoleOptions, RenderResult
 from rich.text import Text
 
 from kbstore.clock import SECOND, isoformat
+from kbstore.model.timelines import moved
 from kbstore.names import key
 from kbstore.report.tables import DIM, FALSE, NUMBER, SCHEDULED, TITLE, plural
 from kbstore.report.time_format import DAY
@@ -255,8 +256,7 @@ def _by_lane(rows: Any) -> defaultdict[int, list[Row]]:
 
 
 def _value(row: Row, t: int) -> float:
-    number: float = row[7] + row[8] * ((t - row[1]) / SECOND) if row[8] else row[7]
-    return number
+    return moved(row[7], row[8], t - row[1])
 
 
 def _seconds(ns: float) -> str:
