@@ -161,15 +161,21 @@ class Push:
     def _refuse(self, session: StoreConnection, head: Head, there: Head) -> None:
         """Raise unless what the target has is the beginning of what the source has."""
         name, both = self._name, f"it is at transaction {there.number}, {self._source} at {head.number}"
-        if there.number and there.source is None:
-            raise Conflict(
-                f"{name} in {self._place} has been written to by others: {both}. Nothing has been pushed; push under "
-                "another name, so that both are kept"
-            )
         if not there.number:
             return
         token = session.first(queries.token, {"kb": self._reader.kb, "number": there.number})
         is_known = token is not None and token[0] == there.token
+        if there.source is None and is_known:
+            raise Conflict(
+                f"{name} in {self._place} was imported, restored or adopted there, and may be written to: {both}, with "
+                "the same history so far. Nothing has been pushed; push under another name, or into a store without "
+                f"{name}: a first push brings the whole history, and needs no import"
+            )
+        if there.source is None:
+            raise Conflict(
+                f"{name} in {self._place} has been written to by others: {both}. Nothing has been pushed; push under "
+                "another name, so that both are kept"
+            )
         if is_known and there.time >= head.history_from:
             return
         if is_known or (token is None and there.number < head.number):

@@ -326,6 +326,18 @@ def test_what_was_written_there_before_is_why_a_first_push_is_refused(pushed, na
     assert export(target, "other") == before
 
 
+def test_a_first_push_needs_no_import(pushed, name, tmp_path):
+    """What was imported there is an original, also where it has the same history; the error says what to do instead."""
+    source, target = pushed
+    kbstore.export_knowledge_base(source, name, tmp_path / "kenny.jsonl")
+    kbstore.import_knowledge_base(target, tmp_path / "kenny.jsonl", "imported")
+    said = r"imported, restored or adopted there.*: it is at transaction 2, .* at 2, with the same history so far"
+    with kbstore.open(source, name) as kb:
+        with pytest.raises(Conflict, match=said):
+            kbstore.push(kb, target, "imported")
+        assert kbstore.push(kb, target, "another name").number == 2
+
+
 def test_a_copy_of_another_is_refused(pushed, name, tmp_path):
     """Two robots with one name: the second is told whose copy it is, with both numbers."""
     _, target = pushed
