@@ -19,11 +19,10 @@ from kbstore.names import key
 from kbstore.pddl.problem_reader import read_problem
 from kbstore.ros.executions import Executions
 from kbstore.ros.object_types import ObjectTypes
-from kbstore.writing.unit_of_work import OpenTransaction
 
 CLIENT = "plansys2"
 
-Item = TypeVar("Item", Instance, Fact)
+Item = TypeVar("Item", Instance, Fact, Function)
 
 
 class Mirror:
@@ -65,6 +64,7 @@ class Mirror:
         self.types = ObjectTypes(self._domain, types)
         self._executions = Executions(kb, client)
         self._facts: dict[str, Fact] = {}
+        self._functions: dict[str, Function] = {}
         self._goal = ""
         self._number: int | None = None
         """The last transaction, where the state is what the last snapshot says."""
@@ -109,11 +109,11 @@ class Mirror:
         if self.missing_types(message):
             self.learn(message)
         types = self.types.types_of(message.instances)
-        objects = {name: Instance(instance_name=name, instance_type=type_name) for name, type_name in types.items()}
+        objects = {name: _instance(name, type_name) for name, type_name in types.items()}
         # what is derived is listed by PlanSys2, too
         asserted = {text: _fact(text) for text in message.predicates}
         facts = {text: fact for text, fact in asserted.items() if not self._domain.is_derived(fact.attribute_name)}
-        valued = _functions(values)
+        valued = _by_atom(_functions(values))
         self._clock.set(time)
         retyped = [old for name, old in self._objects.items() if name in types and old.instance_type != types[name]]
         if retyped:
@@ -121,10 +121,11 @@ class Mirror:
             self._kb.remove(*retyped, client=self._client, note="another type")
             self._clock.set(time + 1)
         try:
-            tx = self._snapshot(message, objects, facts, valued, self._number)
+            tx, functions = self._snapshot(message, objects, facts, valued, self._number)
         except Conflict:
-            tx = self._snapshot(message, objects, facts, valued, None)
-        self._objects, self._facts, self._goal, self._number = objects, facts, message.goal, tx.number
+            tx, functions = self._snapshot(message, objects, facts, valued, None)
+        self._objects, self._facts, self._functions = objects, facts, functions
+        self._goal, self._number = message.goal, tx.number
         return tx
 
     def _snapshot(
@@ -132,24 +133,29 @@ class Mirror:
         message: Any,
         objects: dict[str, Instance],
         facts: dict[str, Fact],
-        valued: Sequence[Function],
+        valued: Mapping[str, Function],
         number: int | None,
-    ) -> Transaction:
-        """Record a snapshot: the difference to the last one, if that is transaction `number` and nobody wrote since."""
+    ) -> tuple[Transaction, dict[str, Function]]:
+        """Record a snapshot: the difference to the last one, if that is transaction `number` and nobody wrote since.
+
+        Returns the functions, too: those of the snapshot that have a value, given or recorded.
+        """
         with self._kb.transaction(client=self._client, note="snapshot", expect=number) as tx:
-            functions = _valued(message.functions, valued, tx)
+            recorded = _by_atom(tx.state().functions) if number is None else self._functions
+            values = {**recorded, **valued}
+            listed = [key(str(read_atom(text))) for text in message.functions]
+            functions = {atom: values[atom] for atom in listed if atom in values}
             if number is None:
-                tx.replace(*objects.values(), *facts.values(), *functions)
+                tx.replace(*objects.values(), *facts.values(), *functions.values())
             else:
-                listed = {key(item.atom) for item in functions}
                 tx.remove(*_without(self._facts, facts), *_without(self._objects, objects))
-                tx.remove(*(item for item in tx.state().functions if key(item.atom) not in listed))
-                tx.add(*_without(objects, self._objects), *_without(facts, self._facts), *functions)
+                tx.remove(*_without(self._functions, functions))
+                tx.add(*_without(objects, self._objects), *_without(facts, self._facts), *functions.values())
             if number is None or message.goal != self._goal:
                 tx.remove_goal(*tx.state().goals)
                 if message.goal:
                     tx.add_goal(message.goal)
-        return tx.result
+        return tx.result, functions
 
     def functions(self, nodes: Sequence[Any], time: int) -> Transaction:
         """Make the functions what `Node` messages say, and leave the rest of the state as it is.
@@ -157,13 +163,15 @@ class Mirror:
         PlanSys2 publishes no `Knowledge` when a function is updated or removed. Functions of objects that are not
         recorded are left to the next `Knowledge`.
         """
-        given = {key(item.atom): item for item in _functions(nodes)}
+        given = _by_atom(_functions(nodes))
         self._clock.set(time)
         with self._kb.transaction(client=self._client, note="functions") as tx:
             state = tx.state()
             exist = {key(name) for name in state.objects()}
-            tx.remove(*(item for item in state.functions if key(item.atom) not in given))
-            tx.add(*(item for item in given.values() if exist.issuperset(map(key, item.arguments))))
+            known = {atom: item for atom, item in given.items() if exist.issuperset(map(key, item.arguments))}
+            tx.remove(*_without(_by_atom(state.functions), known))
+            tx.add(*known.values())
+        self._functions = known
         self._executions.recorded.append(tx.result.number)
         self._follow()
         return tx.result
@@ -209,21 +217,21 @@ def _without(items: Mapping[str, Item], others: Mapping[str, Item]) -> list[Item
     return [item for name, item in items.items() if name not in others]
 
 
-def _valued(texts: Sequence[str], given: Iterable[Function], tx: OpenTransaction) -> list[Function]:
-    """The functions of a snapshot with the values that are given or, without one, recorded."""
-    values = {key(item.atom): item for item in given}
-    listed = [key(str(read_atom(text))) for text in texts]
-    if not values.keys() >= set(listed):
-        values = {**{key(item.atom): item for item in tx.state().functions}, **values}
-    return [values[atom] for atom in listed if atom in values]
-
-
 def _functions(nodes: Sequence[Any]) -> list[Function]:
     found = [read(node) for node in nodes]
     for node, item in zip(nodes, found, strict=True):
         if not isinstance(item, Function):
             raise InvalidKnowledge(f"{node!r:.80} is not a Node of a function")
     return [item for item in found if isinstance(item, Function)]
+
+
+def _by_atom(items: Iterable[Function]) -> dict[str, Function]:
+    return {key(item.atom): item for item in items}
+
+
+@lru_cache(maxsize=50_000)
+def _instance(name: str, type_name: str) -> Instance:
+    return Instance(instance_name=name, instance_type=type_name)
 
 
 @lru_cache(maxsize=50_000)
