@@ -57,8 +57,8 @@ _alembic = threading.Lock()
 _checked: weakref.WeakKeyDictionary[sa.Engine, set[str | None]] = weakref.WeakKeyDictionary()
 """The schemas of PostgreSQL databases that have been compared, by engine: a pool asks once."""
 
-_blank: list[str] = []
-"""The statements that make an empty store, as the migrations left them in this process's first store in memory."""
+_blank: list[bytes] = []
+"""An empty store, as the migrations left this process's first one in memory; none before that."""
 
 
 class Migrated(NamedTuple):
@@ -264,15 +264,22 @@ def _refusal(engine: sa.Engine, stamps: Sequence[str] | None, schema: str | None
 
 def _set_up(connection: sa.Connection, schema: str | None) -> None:
     """Give an empty database its schema."""
-    in_memory = connection.dialect.name == "sqlite" and _file(connection.engine) is None
     driver: Any = connection.connection.driver_connection
-    if in_memory and _blank:
-        driver.executescript(";\n".join(["BEGIN IMMEDIATE", *_blank, "COMMIT"]))
+    # a copy replaces all that there is, such as a service's own tables
+    copying = (
+        connection.dialect.name == "sqlite"
+        and _file(connection.engine) is None
+        and not driver.execute("SELECT EXISTS (SELECT 1 FROM sqlite_master)").fetchone()[0]
+    )
+    if copying and _blank:
+        with closing(sqlite3.connect(":memory:")) as blank:
+            blank.deserialize(_blank[0])
+            # a database that is deserialised itself cannot grow beyond a gigabyte
+            blank.backup(driver)
         return
     _run(connection, "head", schema)
-    if in_memory:
-        _blank.extend(sql for (sql,) in driver.execute("SELECT sql FROM sqlite_master WHERE sql IS NOT NULL"))
-        _blank.append(f"INSERT INTO {VERSION_TABLE} VALUES ('{HEAD}')")
+    if copying:
+        _blank.append(driver.serialize())
 
 
 def _migrate(url: Store, revision: str, schema: str | None, *, backup: bool, down: bool) -> Migrated:

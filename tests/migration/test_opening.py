@@ -43,6 +43,23 @@ def test_each_store_in_memory_gets_the_same_schema():
     assert found[0] == found[1] >= tables.metadata.tables.keys()
 
 
+def test_a_services_own_tables_in_memory_stay():
+    """A store beside a service's tables in memory is made without touching them, and no other store gets them."""
+    for _ in range(2):
+        engine = make_engine("sqlite://")
+        with engine.begin() as connection:
+            connection.exec_driver_sql("CREATE TABLE missions (id INTEGER)")
+            connection.exec_driver_sql("INSERT INTO missions VALUES (1)")
+        schema.ensure(engine, read_only=False)
+        with engine.connect() as connection:
+            assert connection.exec_driver_sql("SELECT id FROM missions").scalars().all() == [1]
+        engine.dispose()
+    empty = make_engine("sqlite://")
+    schema.ensure(empty, read_only=False)
+    assert "missions" not in rows_0001.objects(empty)
+    empty.dispose()
+
+
 def test_opening_again_is_cheap():
     """Checking a schema that is current costs two queries: for its revision, and for the statements that made it."""
     engine = make_engine("sqlite://")
