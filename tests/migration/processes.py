@@ -1,6 +1,5 @@
-"""Processes that migrate: forked from a server that has everything imported, so that they start in milliseconds."""
+"""What processes that migrate do."""
 
-import multiprocessing
 import os
 import signal
 
@@ -8,14 +7,11 @@ import sqlalchemy as sa
 
 from kbstore.storage import schema
 
-_context = multiprocessing.get_context("forkserver")
-_context.set_forkserver_preload(["tests.migration.processes", "alembic.command", "psycopg"])
-
 
 def upgrade(url, barrier=None):
     """Upgrade; with a barrier, when all are ready."""
     if barrier is not None:
-        barrier.wait(60)
+        barrier.wait()
     schema.upgrade(url, backup=False)
 
 
@@ -31,15 +27,3 @@ def upgrade_killed_at(url, statement):
 
     sa.event.listen(sa.Engine, "before_cursor_execute", count)
     schema.upgrade(url, backup=False)
-
-
-def start(target, *arguments):
-    """A started process."""
-    process = _context.Process(target=target, args=arguments)
-    process.start()
-    return process
-
-
-def barrier(parties):
-    """A barrier for started processes."""
-    return _context.Barrier(parties)

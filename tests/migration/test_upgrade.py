@@ -14,7 +14,9 @@ from alembic.util import CommandError
 
 from kbstore.errors import SchemaUnknown, StoreUnavailable
 from kbstore.storage import schema
-from tests.migration import processes, rows_0001
+from tests.migration import rows_0001
+from tests.migration.processes import upgrade, upgrade_killed_at
+from tests.processes import barrier, start
 
 MIGRATIONS = Path(__file__).parents[2] / "migrations"
 
@@ -190,8 +192,8 @@ def test_several_processes_upgrade_at_once(empty):
     engine = sa.create_engine(empty)
     for number in range(ROUNDS):
         filled = fill_old(empty, engine) if number % 2 else None
-        barrier = processes.barrier(4)
-        started = [processes.start(processes.upgrade, empty, barrier) for _ in range(4)]
+        together = barrier(4)
+        started = [start(upgrade, empty, together) for _ in range(4)]
         for process in started:
             process.join(60)
         assert [process.exitcode for process in started] == [0] * 4
@@ -209,7 +211,7 @@ def test_killed_at_any_statement(empty, old):
     before = rows_0001.objects(engine)
     kills = 0
     for statement in range(1, 1000, 1 if old else max(1, 100 // KILLS)):
-        process = processes.start(processes.upgrade_killed_at, empty, statement)
+        process = start(upgrade_killed_at, empty, statement)
         process.join(60)
         assert filled is None or rows_0001.digest(engine) == filled
         if rows_0001.objects(engine) != before:

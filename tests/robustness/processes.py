@@ -1,59 +1,12 @@
-"""Processes that share a store: forked from a server that has everything imported, so that they start at once."""
+"""What processes that share a store do."""
 
-import multiprocessing
 import os
-import time
 
 import kbstore
 from kbstore.errors import Conflict
 
-_context = multiprocessing.get_context("forkserver")
-_context.set_forkserver_preload(["tests.robustness.processes", "psycopg", "alembic.command"])
-
 FULL = bool(os.environ.get("KBSTORE_TEST_FULL"))
 """Whether everything is tried as often as one could wish; the usual run is content with less."""
-
-TOO_LONG = 120
-"""Seconds after which something hangs."""
-
-
-def start(target, *arguments):
-    """A started process."""
-    process = _context.Process(target=target, args=arguments)
-    process.start()
-    return process
-
-
-def finish(*processes):
-    """Wait for processes, all of which have to succeed."""
-    deadline = time.monotonic() + TOO_LONG
-    for process in processes:
-        process.join(max(0.0, deadline - time.monotonic()))
-    codes = [process.exitcode for process in processes]
-    for process in processes:
-        process.kill()
-    assert codes == [0] * len(processes)
-
-
-def barrier(parties):
-    """Where started processes wait for each other."""
-    return _context.Barrier(parties, timeout=TOO_LONG)
-
-
-def queue():
-    """What started processes answer through; room for a few thousand short answers."""
-    return _context.SimpleQueue()
-
-
-def answers(source):
-    """What has been answered so far."""
-    found = []
-    while not source.empty():
-        found.append(source.get())
-    return found
-
-
-# -- what the processes do ------------------------------------------------------------------------------------------
 
 
 def increment(url, name, times, together):

@@ -11,8 +11,8 @@ import time
 
 import pytest
 
+from tests.processes import start
 from tests.robustness import crashes
-from tests.robustness.processes import start
 
 KILLS = int(os.environ.get("KBSTORE_TEST_KILLS", "50"))
 CUTS = int(os.environ.get("KBSTORE_TEST_CUTS", "100"))

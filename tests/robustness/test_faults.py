@@ -17,7 +17,7 @@ import sqlalchemy as sa
 import kbstore
 from kbstore.errors import KbStoreError, StoreUnavailable
 from kbstore.transfer.backup import backup
-from tests.robustness.processes import finish, start
+from tests.processes import finish, start
 from tests.storage.invariants import violations
 
 NOBODY = 65534

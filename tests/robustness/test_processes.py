@@ -8,20 +8,8 @@ from itertools import pairwise
 import pytest
 
 import kbstore
-from tests.robustness.processes import (
-    answers,
-    barrier,
-    finish,
-    follow,
-    increment,
-    keep_watching,
-    open_and_add,
-    queue,
-    race,
-    start,
-    watch,
-    write,
-)
+from tests.processes import answers, barrier, finish, queue, start
+from tests.robustness.processes import follow, increment, keep_watching, open_and_add, race, watch, write
 
 PROCESSES = 8
 INCREMENTS = 500

@@ -1,15 +1,12 @@
-"""Processes that archive or push, and are killed at a given call of the database."""
+"""What processes that archive or push do: they are killed at a given call of the database."""
 
-import multiprocessing
 import os
 import signal
 
 import kbstore
 from kbstore.storage.connection import StoreConnection
 from kbstore.transfer import push as pushing
-
-_context = multiprocessing.get_context("forkserver")
-_context.set_forkserver_preload(["tests.transfer.processes", "psycopg"])
+from tests.processes import TOO_LONG, start
 
 CALLS = ("begin", "commit", "run", "many")
 
@@ -65,7 +62,6 @@ def push(url, name, target, chunk, killed_at):
 
 def killed(act, *arguments):
     """Do something in a process of its own; its exit code."""
-    process = _context.Process(target=act, args=arguments)
-    process.start()
-    process.join(60)
+    process = start(act, *arguments)
+    process.join(TOO_LONG)
     return process.exitcode
