@@ -68,7 +68,10 @@ def exported(kb, tmp_path):
 
 
 def test_a_topic_for_a_predicate_and_an_object(kb, clock, exported):
-    """Its value is where kenny is: what the other arguments are, empty where it is nowhere, all where at several."""
+    """Its value is where kenny is: what the other arguments are, empty where it is nowhere, all where at several.
+
+    Panels draw a state up to the next message: the last is there again at the end.
+    """
     kb.add("(at kenny hall)", "(open hall)", "(raining)")
     clock.set(seconds(20))
     kb.remove("(at kenny hall)", "(raining)")
@@ -79,8 +82,8 @@ def test_a_topic_for_a_predicate_and_an_object(kb, clock, exported):
     found = exported()
     assert found.of("/facts/at/kenny") == [(10, "hall"), (20, ""), (30, "lab"), (40, "lab, hall")]
     assert found.of("/facts/at/kenny", "facts")[-1] == (40, ["(at kenny lab)", "(at kenny hall)"])
-    assert found.of("/facts/open/hall") == [(10, "true"), (30, "false")]
-    assert found.of("/facts/raining") == [(10, "true"), (20, "")]
+    assert found.of("/facts/open/hall") == [(10, "true"), (30, "false"), (40, "false")]
+    assert found.of("/facts/raining") == [(10, "true"), (20, ""), (40, "")]
 
 
 def test_what_is_explicitly_false_beside_what_is_true(kb, exported):
@@ -121,7 +124,7 @@ def test_runs_and_objects(kb, clock, exported):
     assert found.of("/runs/go/kenny", "outcome") == [(10, "running"), (20, "running"), (25, "aborted")]
     assert found.of("/runs/go/kenny", "action")[-1] == (25, "(go kenny hall)")
     assert found.of("/runs/go/kenny", "ended_by")[-1] == (25, 7)
-    assert found.of("/runs/rest") == [(10, "running")]
+    assert found.of("/runs/rest") == [(10, "running"), (25, "running")]
     assert found.of("/objects/hall") == [(10, "place"), (25, "")]
     assert found.of("/objects/hall", "exists") == [(10, True), (25, False)]
 
@@ -141,7 +144,7 @@ def test_a_span(kb, clock, exported):
     clock.set(seconds(40))
     kb.remove("(at kenny hall)")
     found = exported(since=seconds(20), until=seconds(30))
-    assert found.of("/facts/at/kenny") == [(20, "hall")]
+    assert found.of("/facts/at/kenny") == [(20, "hall"), (30, "hall")]
     assert found.of("/numbers/battery/kenny") == [(20, 100), (30, 120)]
     assert "/transactions" not in found.by_topic
 
@@ -153,7 +156,7 @@ def test_as_of(kb, clock, exported):
     kb.remove("(at kenny lab)", initial_time=seconds(50))
     clock.set(seconds(40))
     kb.add("(not (at kenny hall))", since=seconds(20), until=seconds(30))
-    assert exported().of("/facts/at/kenny") == [(10, "hall"), (20, "not hall"), (30, "hall")]
+    assert exported().of("/facts/at/kenny") == [(10, "hall"), (20, "not hall"), (30, "hall"), (40, "hall")]
     assert exported(as_of=first).of("/facts/at/kenny") == [(10, "hall")]
 
 

@@ -3,14 +3,14 @@
 The State Transitions panel shows ``/facts/robot_at/kenny.value``, ``/runs/drive/kenny.value`` and
 ``/objects/kenny.value``; the Plot panel ``/numbers/battery/kenny.value``. A topic is of a predicate, a function or an
 operator and its first argument, and its value is what the other arguments are meanwhile: where kenny is. A number has
-its value at each corner, twice where it jumps, so that the lines between them are exact. What was cancelled or
-superseded is left out.
+its value at each corner, twice where it jumps, so that the lines between them are exact. The panels draw a state up to
+the next message, so the last one is repeated at the end. What was cancelled or superseded is left out.
 """
 
 import json
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -166,7 +166,7 @@ class _Record:
         return max(found.initial_time, self._first), None if end is None or end > self._last else end
 
     def _states(self, spans: Sequence["_Span"]) -> Iterator[Event]:
-        """A message at each time at which what holds on a topic changes."""
+        """A message at each time at which what holds on a topic changes, and at the end of the record."""
         changes: dict[int, list[tuple[bool, _Span]]] = {}
         for span in spans:
             changes.setdefault(span.start, []).append((True, span))
@@ -177,7 +177,10 @@ class _Record:
             ended = [span for begins, span in found if not begins]
             standing = [span for span in standing if span not in ended]
             standing += [span for begins, span in found if begins and span not in ended]
-            yield Event(t, spans[0].topic, spans[0].schema, _FIELDS[spans[0].schema](standing, ended))
+            last = Event(t, spans[0].topic, spans[0].schema, _FIELDS[spans[0].schema](standing, ended))
+            yield last
+        if last.time < self._last:
+            yield replace(last, time=self._last)
 
     def _numbers(self, known: Iterable[Assertion]) -> Iterator[Event]:
         """The corners of numbers: where an assertion begins, and where it ends."""
