@@ -155,7 +155,10 @@ def recorded_text(done: Transaction) -> str:
 
 def _parts(parts: Sequence[tuple[str, Sequence[str]]], narrower: Callable[[str, int], str]) -> Iterator[str]:
     """Several parts, each under its name; `narrower` says how to see the lines of a part from one on."""
-    most = max(FEWEST_LINES, MOST_LINES // max(len(parts), 1))
+    sizes = [len(found) for _, found in parts]
+    # a short part leaves its lines to the others
+    shares = range(MOST_LINES, FEWEST_LINES, -1)
+    most = next((most for most in shares if sum(min(size, most) for size in sizes) <= MOST_LINES), FEWEST_LINES)
     for name, found in parts:
         yield f"{name} ({len(found):,}):"
         yield from map(_line, found[:most])

@@ -370,7 +370,7 @@ def crowded():
 @pytest.mark.parametrize(
     ("tool", "arguments", "left_out"),
     [
-        ("state", {}, r"280 more: to see them, ask with patterns, or about=\[an object\] \(\(open \?\) 280\)"),
+        ("state", {}, r"261 more: to see them, ask with patterns, or about=\[an object\] \(\(open \?\) 261\)"),
         ("state", {"only": ["facts"]}, r"260 more: .* \(\(open \?\) 260\)"),
         ("state", {"only": ["objects"]}, r"300 of type door: d0 .* d19 and 280 more: find those"),
         ("find", {"condition": "(open ?d)"}, r"\.\.\. 260 more bindings: to see them, add to the condition"),
@@ -389,6 +389,13 @@ def test_an_answer_is_short_and_says_what_is_left_out(crowded, tool, arguments, 
     assert len(text) < 16_000
     assert re.search(left_out, text), text
     assert not [line for line in lines if line.startswith(("ignore that", "line"))]
+
+
+def test_nothing_is_left_out_of_a_short_answer(kenny):
+    """A part of a state with more lines than its share has those that the other parts do not need."""
+    text = asked(kenny, "state")
+    assert len(text.split("\n")) < agent_text.MOST_LINES
+    assert "to see them" not in text
 
 
 def test_what_was_left_out_can_be_asked_for(crowded):
