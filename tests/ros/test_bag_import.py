@@ -292,6 +292,8 @@ def test_files_that_are_no_bags(tmp_path):
         path.mkdir() if name == "directory" else path.write_text("not a bag")
         with pytest.raises(kbstore.InvalidKnowledge, match="cannot be read as a bag"):
             import_bag(path, tmp_path / "robot.db", domain=DOMAIN)
+    with pytest.raises(kbstore.InvalidKnowledge, match=r"no metadata.yaml, .* give the .mcap or .db3 file in it"):
+        import_bag(tmp_path / "directory", tmp_path / "robot.db", domain=DOMAIN)
     assert not (tmp_path / "robot.db").exists()
 
 

@@ -107,6 +107,12 @@ def opened(path: str | os.PathLike[str]) -> Iterator[Bag]:
     file = Path(path)
     if not file.exists():
         raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(path))
+    if file.is_dir() and not (file / "metadata.yaml").exists():
+        # a recorder that is killed does not write it
+        raise InvalidKnowledge(
+            f"{path} cannot be read as a bag: it has no metadata.yaml, which the directory of a rosbag2 has once it is "
+            "closed; give the .mcap or .db3 file in it"
+        )
     types = get_typestore(Stores.ROS2_HUMBLE)
     for name, text in definitions.PLANSYS2.items():
         types.register(get_types_from_msg(text, name))
