@@ -17,7 +17,6 @@ from datetime import UTC, datetime
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
-from urllib.parse import quote, unquote, urlsplit
 
 import sqlalchemy as sa
 from sqlalchemy.engine import URL
@@ -26,9 +25,9 @@ from sqlalchemy.exc import DBAPIError
 from kbstore.errors import KbStoreError, SchemaOutOfDate, SchemaTooNew, SchemaUnknown, StoreUnavailable, one_line
 from kbstore.storage import schema_objects, tables
 from kbstore.storage.connection import LOG
-from kbstore.storage.driver_errors import sqlite_code
 from kbstore.storage.engine import make_engine, parsed_url, refuse_schema, schema_of
 from kbstore.storage.schema_objects import VERSION_TABLE, VIEWS
+from kbstore.storage.sqlite_files import file_of, refuse_half, way_out
 from kbstore.storage.statement_events import begin_quietly
 
 if TYPE_CHECKING:
@@ -42,10 +41,6 @@ Store = str | PathLike[str] | URL
 
 _SCRIPTS = ("migrations", "../migrations")
 """The folders of the migrations, seen from the package: in an installed kbstore, and in a checkout."""
-
-_UNWRITABLE = (sqlite3.SQLITE_READONLY, sqlite3.SQLITE_CANTOPEN)
-
-_IMMUTABLE = {"immutable": "1", "uri": "true"}
 
 _PATIENCE = 600.0
 """Seconds that an upgrade waits for another one to finish."""
@@ -163,11 +158,12 @@ def in_schema(url: Store, schema: str) -> URL:
 @contextmanager
 def connecting(engine: sa.Engine, *, existing: bool = False) -> Iterator[sa.Connection]:
     """A connection whose driver begins and ends no transactions by itself; with `existing`, makes no new file."""
-    path = _file(engine)
+    path = file_of(engine.url)
     if existing and path is not None and not path.exists():
         raise StoreUnavailable(
             f"there is no store at {one_line(str(path))}; kbstore.open() without read_only makes one"
         )
+    refuse_half(engine.url)
     with engine.connect() as connection:
         driver: Any = connection.connection.dbapi_connection
         # a connection that has it already may be another one's, too (in memory), and is left as it is
@@ -268,7 +264,7 @@ def _set_up(connection: sa.Connection, schema: str | None) -> None:
     # a copy replaces all that there is, such as a service's own tables
     copying = (
         connection.dialect.name == "sqlite"
-        and _file(connection.engine) is None
+        and file_of(connection.engine.url) is None
         and not driver.execute("SELECT EXISTS (SELECT 1 FROM sqlite_master)").fetchone()[0]
     )
     if copying and _blank:
@@ -313,7 +309,7 @@ def _run(
         }:
             raise _refusal(engine, stamps, schema)
         steps = scripts._downgrade_revs(revision, stamps) if down else scripts._upgrade_revs(revision, stamps)
-        path = _file(engine)
+        path = file_of(engine.url)
         if steps and stamps and backup and path is not None:
             copy = _copied(path, stamps[0])
         return steps
@@ -377,23 +373,10 @@ def _translating(engine: sa.Engine) -> Iterator[None]:
         if isinstance(error, KbStoreError):
             raise
         reason = str(getattr(error, "orig", None) or error).strip() or type(error).__name__
-        path = _file(engine)
-        if path is not None and sqlite_code(getattr(error, "orig", error)) in _UNWRITABLE and path.exists():
-            way_out = engine.url.set(database=f"file:{quote(str(path.absolute()))}").update_query_dict(_IMMUTABLE)
-            raise StoreUnavailable(
-                f"{_shown(engine)}: {reason}. SQLite writes beside a file in WAL mode even to read it; where that "
-                "cannot be, and nobody else writes to the file, open it with read_only=True as "
-                f"{way_out.render_as_string()}"
-            ) from error
+        what_to_do = way_out(engine.url, getattr(error, "orig", error))
+        if what_to_do:
+            raise StoreUnavailable(f"{_shown(engine)}: {reason}. {what_to_do}") from error
         raise StoreUnavailable(f"{_shown(engine)}: {reason}; nothing has been changed") from error
-
-
-def _file(engine: sa.Engine) -> Path | None:
-    """The file of an SQLite database; None in memory and for other databases."""
-    database, query = engine.url.database, engine.url.query
-    if engine.dialect.name != "sqlite" or database in (None, "", ":memory:") or query.get("mode") == "memory":
-        return None
-    return Path(unquote(urlsplit(database).path) if database.startswith("file:") else database)
 
 
 def _shown(engine: sa.Engine) -> str:

@@ -4,6 +4,7 @@ import os
 import re
 import shutil
 import subprocess
+from pathlib import Path
 
 import pytest
 
@@ -45,14 +46,19 @@ def medium(tmp_path):
     subprocess.run(["umount", made.folder], check=True)
 
 
+def fill(kb, acknowledged):
+    for number in range(1000):
+        acknowledged.append(kb.add(*many(number * 100, 100), "(increase (counter) 1)"))
+
+
 def test_a_medium_that_is_full(medium, tmp_path):
     """What was acknowledged can be asked, nothing else is stored, no copy is left half; with more room it goes on."""
     with kbstore.open(medium.folder / "store.db", "kenny") as kb:
         kb.add("(= (counter) 0)")
-        counted = 0
-        with pytest.raises(StoreUnavailable, match="full|disk I/O error"):
-            for counted in range(1000):
-                kb.add(*many(counted * 100, 100), "(increase (counter) 1)")
+        acknowledged = []
+        with pytest.raises(StoreUnavailable, match=r"full|disk I/O error"):
+            fill(kb, acknowledged)
+        counted = len(acknowledged)
         assert 0 < counted < 1000
         for _ in range(2):
             assert (kb.value("(counter)"), len(kb.state().facts)) == (counted, counted * 100)
@@ -104,3 +110,22 @@ def test_a_medium_that_is_mounted_read_only(medium):
     medium.become("rw")
     with kbstore.open(store) as kb:
         assert kb.add("(open hall)").number == 2
+
+
+def test_a_medium_with_a_log_that_is_not_in_the_file(medium, tmp_path):
+    """What a crash, or a copy of a live file, has left in the log is read, or it is refused: never a state without."""
+    path = medium.folder / "store.db"
+    with kbstore.open(tmp_path / "live.db") as kb:
+        kb.add("(raining)")
+        for suffix in ("", "-wal", "-shm"):
+            shutil.copy(tmp_path / f"live.db{suffix}", f"{path}{suffix}")
+    medium.become("ro")
+    with kbstore.open(path, read_only=True) as kb:
+        assert kb.holds("(raining)")
+    medium.become("rw")
+    Path(f"{path}-shm").unlink()
+    medium.become("ro")
+    with pytest.raises(StoreUnavailable, match=r"are in store.db-wal: copy both files"):
+        kbstore.open(path, read_only=True)
+    with pytest.raises(StoreUnavailable, match=r"in store.db-wal, which SQLite does not read with immutable=1"):
+        kbstore.open(f"sqlite:///file:{path}?immutable=1&uri=true", read_only=True)
