@@ -18,7 +18,7 @@ from std_msgs.msg import Empty
 
 import kbstore
 from kbstore.clock import ManualClock
-from kbstore.errors import ClockJumped, ClockWentBackwards, KbStoreError, UnknownSymbol
+from kbstore.errors import ClockJumped, ClockWentBackwards, KbStoreError, StoreUnavailable, UnknownSymbol
 from kbstore.knowledge_base import KnowledgeBase
 from kbstore.ros.joint_domain import joint_domain
 from kbstore.ros.mirror import Mirror
@@ -37,6 +37,9 @@ SETTLED = 0.05
 
 HISTORY = 0.3
 """Seconds without another `Knowledge` after which the first one is the latest: who comes late gets older ones first."""
+
+AGAIN = 1.0
+"""Seconds between two attempts to record, while the store cannot be reached."""
 
 FATAL = (ClockJumped, ClockWentBackwards)
 """What no later message can mend."""
@@ -139,6 +142,9 @@ class Recorder:
                     self._record(mirror, *entry)
                 except FATAL:
                     raise
+                except StoreUnavailable as error:
+                    self._tell(f"waiting for the store: {error}")
+                    self._put_back(entry)
                 except KbStoreError as error:
                     self._tell(f"not recorded: {error}")
         except Exception as error:
@@ -155,6 +161,13 @@ class Recorder:
             while not self._is_stopping and not self._is_latest and self._waiting[0][0] == "knowledge":
                 self._is_latest = not self._ready.wait_for(self._is_newer(self._snapshots), HISTORY)
             return None if self._is_stopping else self._waiting.popleft()
+
+    def _put_back(self, entry: tuple[str, Any, int]) -> None:
+        """Let an entry be the next again, after a while, unless a later snapshot has taken its place."""
+        with self._ready:
+            if entry[0] not in ("knowledge", "notify") or all(kind != "knowledge" for kind, *_ in self._waiting):
+                self._waiting.appendleft(entry)
+            self._ready.wait_for(lambda: self._is_stopping, AGAIN)
 
     def _is_newer(self, before: int) -> Callable[[], bool]:
         return lambda: self._snapshots > before or self._is_stopping

@@ -664,21 +664,49 @@ def test_a_recorder_that_waits_can_be_stopped(recorder, place):
     assert "Traceback" not in log.read_text()
 
 
-def test_a_recorder_that_cannot_go_on_ends(tester, place, monkeypatch):
+@pytest.fixture
+def recorder_here(tester, place):
+    """A recorder in this process, without its thread."""
+    node, clock = rclpy.create_node("here"), ManualClock()
+    with opened(place, clock=clock) as kb:
+        yield Recorder(node, kb, clock, None, None)
+    node.destroy_node()
+
+
+def test_a_recorder_that_cannot_go_on_ends(recorder_here, monkeypatch):
     """Whatever ends the recording ends the recorder: it must not seem to record."""
 
     def broken(self):
         raise ZeroDivisionError
 
     monkeypatch.setattr(Recorder, "_open_mirror", broken)
-    node, woken = rclpy.create_node("short"), []
-    clock = ManualClock()
-    with opened(place, clock=clock) as kb:
-        found = Recorder(node, kb, clock, None, None)
-        found.work(lambda: woken.append(True))
-    node.destroy_node()
-    assert isinstance(found.failure, ZeroDivisionError)
+    woken = []
+    recorder_here.work(lambda: woken.append(True))
+    assert isinstance(recorder_here.failure, ZeroDivisionError)
     assert woken
+
+
+def test_what_comes_while_the_store_is_away_is_recorded_later(recorder_here, monkeypatch):
+    """In its order, and of snapshots the latest alone."""
+    recorded, refused, follows = [], ["start", "first", "third"], {"first": "second", "second": "third"}
+
+    def record(self, mirror, kind, message, received):
+        if message in follows:
+            self._receiver("knowledge")(follows.pop(message))
+        if message in refused:
+            refused.remove(message)
+            raise kbstore.StoreUnavailable("the store is away")
+        recorded.append(message)
+        if message == "third":
+            self.stop()
+
+    monkeypatch.setattr(Recorder, "_open_mirror", lambda self: "a mirror")
+    monkeypatch.setattr(Recorder, "_record", record)
+    monkeypatch.setattr("kbstore.ros.recorder_node.AGAIN", 0.01)
+    recorder_here._receiver("hub")("start")
+    recorder_here._receiver("knowledge")("first")
+    recorder_here.work(lambda: None)
+    assert (recorder_here.failure, recorded) == (None, ["start", "second", "third"])
 
 
 def test_an_error_is_told_and_the_recorder_goes_on(script, recorder, place):
