@@ -7,6 +7,7 @@ import io
 import itertools
 import random
 import tempfile
+import time
 import uuid
 import warnings
 from collections.abc import Callable, Iterator
@@ -88,7 +89,7 @@ def _measure(settings: Settings, url: sa.URL) -> Iterator[Result]:
                 yield from _views(settings, url, history)
                 yield from _temporal(settings, raw, kb, history, clock)
                 if shape == UNIFORM:
-                    yield from _points(settings, raw, kb, history)
+                    yield from _points(settings, raw, kb, history, url, clock)
                     yield _single(settings, raw, kb, clock)
         yield _bulk(settings, raw, url)
         yield _changes(settings, url)
@@ -216,7 +217,12 @@ class _Answers:
 
 
 def _points(
-    settings: Settings, raw: "psycopg.Connection[Any]", kb: kbstore.KnowledgeBase, history: History
+    settings: Settings,
+    raw: "psycopg.Connection[Any]",
+    kb: kbstore.KnowledgeBase,
+    history: History,
+    url: sa.URL,
+    clock: ManualClock,
 ) -> Iterator[Result]:
     raw.execute(
         "CREATE TABLE points AS SELECT timeline_id, initial_time, end_time, is_negative FROM facts"
@@ -243,6 +249,21 @@ def _points(
     )
     yield Result("PostgreSQL: holds at t, prepared item", "psycopg, point query", found["at t"], found["raw"], 3)
     yield Result("PostgreSQL: holds now", "psycopg, point query", found["now"], found["raw"])
+    with kbstore.open(url, history.shape, clock=clock, notifications=True) as listening:
+        # time enough for the first notification to be possible
+        time.sleep(0.5)
+        ways = {
+            "raw": lambda: raw.execute(query, (timeline, t)).fetchone(),
+            "listening": lambda: listening.holds(item),
+        }
+        found = side_by_side(ways, clock=WALL, seconds=settings.seconds)
+    yield Result(
+        "PostgreSQL: holds now, nobody wrote, with notifications",
+        "psycopg, point query",
+        found["listening"],
+        found["raw"],
+        0.2,
+    )
 
 
 def _single(

@@ -31,6 +31,7 @@ def open(
     max_step: DurationLike = MAX_STEP,
     busy_timeout: float = BUSY_TIMEOUT,
     schema: str | None = None,
+    notifications: bool = False,
 ) -> KnowledgeBase:
     """Open a knowledge base, and create it if there is none of that name.
 
@@ -43,14 +44,17 @@ def open(
         durability: "full" keeps every acknowledged transaction through a loss of power; "normal" may lose the last.
         validate: whether what is added must fit the domain.
         read_only: whether writing is refused.
-        cache: whether answers are remembered: those about now until something changes (SQLite only), and the states of
-            the past that were asked for last.
+        cache: whether answers are remembered: those about now until something changes (on PostgreSQL only with
+            `notifications`), and the states of the past that were asked for last.
         tolerance: how far the clock may be behind the latest recorded time (a duration; rule T3).
         max_step: how far the system clock may get ahead of what the machine measures, between two transactions, before
             it is `ClockJumped` (a duration; rule T6).
         busy_timeout: seconds to wait for a lock that others hold, before it is `StoreUnavailable`.
         schema: the schema of a PostgreSQL database in which the tables are; made if there is none. None: where the
             search path of the connection finds them.
+        notifications: whether a PostgreSQL server notifies this process of each commit, and answers about now are
+            remembered until then. They are not older than the last notification that arrived, and right within this
+            process's own writes. Needs a connection of its own to the server itself; SQLite needs none of this.
 
     Raises:
         SchemaOutOfDate, SchemaTooNew, SchemaUnknown: the database's schema is not this kbstore's.
@@ -58,7 +62,14 @@ def open(
         InvalidKnowledge: it was created with another `use_unknowns`, or the name cannot be one.
     """
     check_knowledge_base(name)
-    database = Database(url, durability=durability, read_only=read_only, busy_timeout=busy_timeout, schema=schema)
+    database = Database(
+        url,
+        durability=durability,
+        read_only=read_only,
+        busy_timeout=busy_timeout,
+        schema=schema,
+        notifications=notifications,
+    )
     try:
         with database.wrap_errors():
             schemas.ensure(database.engine, read_only=read_only, schema=database.schema)

@@ -117,6 +117,8 @@ class KnowledgeBase:
                 f"open it without use_unknowns, or give another name"
             )
         self.use_unknowns = unknowns
+        if cache:
+            database.listen(kb)
         self._reader = Reader(
             database,
             kb,

@@ -72,7 +72,7 @@ class Answers:
         """Return whether one timeline decides a question, on a connection that this thread has, as far as is known."""
         key = self._domains.latest.domain, question if type(question) is str else question_key(question)
         found = self._conditions.prepared.get(key) or self._expressions.prepared.get(key)
-        return self._remembers and found is not None and found.key is not None
+        return self._database.is_local and self._remembers and found is not None and found.key is not None
 
     def _ask(self, form: _Form, question: Question, at: TimeLike | None, as_of: AsOf | None) -> Truth | float:
         name = question if type(question) is str else question_key(question)
@@ -80,8 +80,9 @@ class Answers:
         try:
             answers = None
             if self._remembers and at is None and as_of is None and not connection.in_transaction:
-                answers = getattr(connection.memory(), form.remembered)
-                known: _Found | None = answers.get(name)
+                # None where nothing may be remembered just now
+                answers = getattr(connection.memory(), form.remembered, None)
+                known: _Found | None = None if answers is None else answers.get(name)
                 if known is not None:
                     since, until, answer = known
                     if since <= (now := self._clock.now()) < until:

@@ -100,6 +100,7 @@ class Reader:
         self.domains.forget(self.memory.progress.returns)
         self.questions.forget()
         self._states.clear()
+        self.database.forget_answers()
 
     @contextmanager
     def repository(self) -> Iterator[Repository]:

@@ -71,4 +71,4 @@ def _postgresql(connection: sa.Connection, driver: Any, options: Options) -> Sto
             f"{options.store}: the connection's transaction is {isolation}, in which a knowledge base cannot wait for "
             "others and see what they wrote; give one with isolation_level='READ COMMITTED'"
         )
-    return PostgresqlConnection(driver, options, connection.dialect.loaded_dbapi.Error)
+    return PostgresqlConnection(driver, options, connection.dialect.loaded_dbapi.Error, borrowed=True)

@@ -7,8 +7,9 @@ timelines              number; role, kind and key     200,000                   
 domain versions        version number                 all                       never wrong: a version never changes
 prepared questions     domain version and question    50,000                    never wrong: made anew for a version
 past states            valid time                     50,000 assertions         late knowledge reaches their time
-answers about now      question; of one connection    50,000                    anybody commits; one of the parts of
-                                                                                the question changes by the clock
+answers about now      question; of one connection,   50,000                    anybody commits, or a notification of
+                       or while notified                                        that arrives; one of the parts of the
+                                                                                question changes by the clock
 answers of a `State`   question                       1,000 of each state       never wrong: a state never changes
 =====================  =============================  ========================  =====================================
 

@@ -12,12 +12,15 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from kbstore.errors import StoreUnavailable
 from kbstore.storage.caches import ANSWERS, LRU
 from kbstore.storage.driver_errors import unavailable
 from kbstore.storage.statements import Lookup, Statement
+
+if TYPE_CHECKING:
+    from kbstore.storage.notifications import Subscription
 
 SqlRow = tuple[Any, ...]
 Parameters = Mapping[str, Any]
@@ -34,7 +37,8 @@ inherited: list[Any] = []
 class Options(NamedTuple):
     """Settings of the connections of a `Database`.
 
-    `store` is its name in messages, `busy_timeout` in seconds, `durability` "full" or "normal", `schema` PostgreSQL's.
+    `store` is its name in messages, `busy_timeout` in seconds, `durability` "full" or "normal", `schema` PostgreSQL's,
+    `subscription` what is remembered while a server notifies.
     """
 
     store: str
@@ -42,6 +46,7 @@ class Options(NamedTuple):
     durability: str
     read_only: bool
     schema: str | None = None
+    subscription: "Subscription | None" = None
 
 
 class AnswerCache:
@@ -135,9 +140,13 @@ class StoreConnection(ABC):
         self._log_wait(started)
         return row
 
-    def memory(self) -> AnswerCache:
-        """The answers remembered on this connection; none where a commit of another connection is not noticed."""
-        return AnswerCache()
+    def memory(self) -> AnswerCache | None:
+        """The answers that may be remembered; None where a commit of another connection is not noticed."""
+        return None
+
+    @abstractmethod
+    def announce(self, kb: int, number: int) -> None:
+        """Before the commit of a transaction: have those told who listen to its knowledge base."""
 
     @abstractmethod
     def look_up(self, statement: Lookup, *parameters: int) -> SqlRow | None:

@@ -17,6 +17,7 @@ from kbstore.storage.connection import Options, Parameters, SqlRow, StoreConnect
 from kbstore.storage.connections import ThreadConnections
 from kbstore.storage.engine import BUSY_TIMEOUT, make_engine, parsed_url, refuse_others, schema_of
 from kbstore.storage.pools import LentConnections, PooledConnections, ServerConnections, ServerPool
+from kbstore.storage.server_engine import wants_notifications
 from kbstore.storage.sqlite_connection import SqliteConnection
 from kbstore.storage.statements import Statement
 
@@ -36,6 +37,7 @@ class Database:
         read_only: bool = False,
         busy_timeout: float = BUSY_TIMEOUT,
         schema: str | None = None,
+        notifications: bool = False,
     ) -> None:
         if durability not in ("full", "normal"):
             raise ValueError(f'durability is "full" or "normal", not {durability!r}')
@@ -46,15 +48,35 @@ class Database:
         shown = parsed.render_as_string(hide_password=True)
         self._options = Options(shown, busy_timeout, durability, read_only, schema)
         self._connections = _opened(url if isinstance(url, Engine) else parsed, self._options)
+        if notifications and isinstance(self._connections, LentConnections) and parsed.get_backend_name() != "sqlite":
+            raise StoreUnavailable(
+                f"{shown}: notifications need a connection of their own, which kbstore does not take from an engine of "
+                "yours; open the knowledge base by its URL"
+            )
+        self._notifies = notifications or wants_notifications(parsed)
         self.schema = schema
         self.engine = self._connections.engine
         self.dialect = self.engine.dialect.name
         self._errors = DBAPIError, PoolTimeout, self.engine.dialect.loaded_dbapi.Error
-        self.can_remember = isinstance(self._connections, ThreadConnections)
-        """Whether connections can detect that nobody has committed."""
+        self.is_local = self.can_remember = isinstance(self._connections, ThreadConnections)
+        """Whether a question waits for no server; and whether connections can detect that nobody has committed."""
         self.checkout = self._connections.checkout
         self.checkin = self._connections.checkin
         self.close = self._connections.close
+
+    def listen(self, kb: int) -> None:
+        """Have the answers about a knowledge base remembered where notifications are asked for, and needed for that.
+
+        Raises `StoreUnavailable` where the server cannot be listened to.
+        """
+        if self._notifies and isinstance(self._connections, ServerConnections):
+            self._connections.subscribe(kb)
+            self.can_remember = True
+
+    def forget_answers(self) -> None:
+        """Forget what is remembered while notifications arrive: the store has gone back."""
+        if isinstance(self._connections, ServerConnections):
+            self._connections.forget_answers()
 
     def connect(self) -> "_Checkout":
         """A connection for single statements, each on the latest commit."""

@@ -17,6 +17,7 @@ from kbstore.storage import forks
 from kbstore.storage.connection import LOG, Options, StoreConnection, inherited
 from kbstore.storage.connections import Connections
 from kbstore.storage.engine import make_engine
+from kbstore.storage.notifications import Listener, Subscription, refuse_shared
 from kbstore.storage.postgresql_connection import PostgresqlConnection
 from kbstore.storage.server_engine import (
     answer_timeout,
@@ -70,6 +71,24 @@ class ServerConnections(PooledConnections):
         super().__init__(pool.engine, options)
         self._pool = pool
 
+    def subscribe(self, kb: int) -> None:
+        """Have answers about now remembered, while the server notifies; `StoreUnavailable` where it cannot."""
+        connection = self.checkout()
+        try:
+            refuse_shared(connection.driver, self._options.store)
+        except self.engine.dialect.loaded_dbapi.Error as error:
+            raise self.failure(error) from error
+        finally:
+            self.checkin(connection)
+        subscription = Subscription(self._pool.listener, kb)
+        self._options = self._options._replace(subscription=subscription)
+        subscription.begin()
+
+    def forget_answers(self) -> None:
+        """Forget the answers that are remembered."""
+        if self._options.subscription is not None:
+            self._options.subscription.drop()
+
     def _take(self) -> StoreConnection:
         try:
             return self._pool.get(self._options)
@@ -87,6 +106,8 @@ class ServerConnections(PooledConnections):
             if self.is_closed:
                 return
             self.is_closed = True
+        if self._options.subscription is not None:
+            self._options.subscription.end()
         self._pool.release()
 
     def forget_parent(self, *, is_quiet: bool) -> bool:
@@ -113,6 +134,8 @@ class ServerPool:
         self._users = 0
         self._idle: list[PostgresqlConnection] = []
         self._room = threading.Semaphore(self._size)
+        errors = DBAPIError, engine.dialect.loaded_dbapi.Error, OSError
+        self.listener = Listener(url.render_as_string(hide_password=True), self._connect_alone, errors)
 
     @classmethod
     def shared(cls, url: URL, busy_timeout: float) -> "ServerPool":
@@ -162,6 +185,14 @@ class ServerPool:
         connection.handle = handle
         return connection
 
+    def _connect_alone(self) -> Any:
+        """A driver's connection that the pool does not have."""
+        handle: Any = self.engine.raw_connection()
+        driver = handle.driver_connection
+        handle.detach()
+        driver.autocommit = True
+        return driver
+
     def put(self, connection: PostgresqlConnection) -> None:
         """Take a connection back."""
         if connection.is_lost:
@@ -186,6 +217,7 @@ class ServerPool:
         inherited.extend(self._idle)
         self._idle = []
         self._room = threading.Semaphore(self._size)
+        self.listener.forget_parent()
 
 
 class LentConnections(PooledConnections):

@@ -11,7 +11,8 @@ from contextlib import contextmanager
 from operator import attrgetter
 from typing import Any
 
-from kbstore.storage.connection import Options, Parameters, SqlRow, StoreConnection
+from kbstore.storage.connection import AnswerCache, Options, Parameters, SqlRow, StoreConnection
+from kbstore.storage.notifications import ANNOUNCE, channel, committed, expect
 from kbstore.storage.statements import Lookup, Statement
 
 _ROWS = 2000
@@ -30,11 +31,14 @@ class PostgresqlConnection(StoreConnection):
 
     is_local = False
 
-    def __init__(self, driver: Any, options: Options, error: type[Exception]) -> None:
-        """`error` is the root of the driver's errors."""
+    def __init__(self, driver: Any, options: Options, error: type[Exception], *, borrowed: bool = False) -> None:
+        """`error` is the root of the driver's errors; `borrowed` says that the caller ends the transaction."""
         super().__init__(driver, options, error, _plain)
+        self._borrowed = borrowed
         self._is_waiting = False
         """Whether a transaction is begun with the next statement."""
+        self._announced: list[tuple[int, int]] = []
+        """The transactions that are to be committed, by knowledge base and number."""
         self._patience: float | None = getattr(driver, "answer_timeout", None)
         self.lend(options)
 
@@ -53,6 +57,22 @@ class PostgresqlConnection(StoreConnection):
     def be_patient(self) -> None:
         """Wait for the answers of this use without a deadline: for maintenance."""
         self._wait(None)
+
+    def memory(self) -> AnswerCache | None:
+        """The answers that may be remembered, while notifications arrive."""
+        subscription = self.options.subscription
+        return None if subscription is None else subscription.answers()
+
+    def announce(self, kb: int, number: int) -> None:
+        """Before the commit of a transaction: have those told who listen to its knowledge base."""
+        if self._borrowed:
+            expect(kb, number)
+        else:
+            self._announced.append((kb, number))
+        try:
+            self._execute(ANNOUNCE, {"kb": kb, "channel": channel(kb), "number": str(number)})
+        except self._error as error:
+            raise self._failure(error) from error
 
     def look_up(self, statement: Lookup, *parameters: int) -> SqlRow | None:
         """The first row of a look-up, if any."""
@@ -118,6 +138,17 @@ class PostgresqlConnection(StoreConnection):
     def _has_begun(self) -> None:
         self._is_waiting = False
         self._execute, self._cursor = self.driver.execute, self.driver.cursor
+
+    def _committed(self) -> None:
+        super()._committed()
+        for kb, number in self._announced:
+            committed(kb, number)
+        self._announced.clear()
+
+    def rollback(self) -> None:
+        """Roll the transaction back; a connection that is lost has done so already."""
+        self._announced.clear()
+        super().rollback()
 
     def _must_roll_back(self) -> bool:
         """Return whether the server has been told of the transaction."""

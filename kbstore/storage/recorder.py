@@ -197,6 +197,7 @@ class Recorder:
 def put_head(connection: StoreConnection, kb: int, head: Head) -> None:
     """Write the head of a knowledge base."""
     connection.run(queries.put_head, {"kb": kb, **dict(zip(HEAD_COLUMNS, head, strict=True))})
+    connection.announce(kb, head.number)
 
 
 def _timeline_row(kb: int, timeline: Timeline) -> tuple[Any, ...]:

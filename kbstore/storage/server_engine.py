@@ -7,6 +7,7 @@ parameter              default    what
 ``answer_timeout``     30 s       how long a server may say nothing before the connection is given up; the
                                   default follows `busy_timeout`, and is 5 s at least; ``none`` waits for ever
 ``schema``             none       the schema in which the tables are, as in ``kbstore.open(schema=...)``
+``notifications``      false      whether answers about now are remembered, as in ``kbstore.open(notifications=True)``
 ``prepare_threshold``  5          executions after which psycopg prepares a statement; ``none`` is for poolers
 =====================  =========  ============================================================================
 
@@ -28,7 +29,7 @@ from kbstore.errors import StoreUnavailable
 
 _POOL_SIZE = 15
 _LEAST_PATIENCE = 5.0
-_OWN = ("answer_timeout", "pool_size", "prepare_threshold", "schema")
+_OWN = ("answer_timeout", "notifications", "pool_size", "prepare_threshold", "schema")
 
 
 def server_engine(url: URL, busy_timeout: float) -> Engine:
@@ -82,6 +83,14 @@ def answer_timeout(url: URL, busy_timeout: float) -> float | None:
 def pool_size(url: URL) -> int:
     """The most connections that a process has to a server."""
     return (_number(url, "pool_size", 1, or_none=False) if "pool_size" in url.query else None) or _POOL_SIZE
+
+
+def wants_notifications(url: URL) -> bool:
+    """Return whether a URL asks for notifications."""
+    text = url.query.get("notifications", "false")
+    if text not in ("true", "false"):
+        raise StoreUnavailable(f"notifications={text} in the URL of a store: it is true or false")
+    return text == "true"
 
 
 def _number(url: URL, name: str, least: int, *, or_none: bool = True) -> int | None:

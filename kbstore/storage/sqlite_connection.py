@@ -107,6 +107,9 @@ class SqliteConnection(StoreConnection):
             self._memory.clear()
         return self._memory
 
+    def announce(self, kb: int, number: int) -> None:
+        """Tell nobody: who remembers answers asks SQLite."""
+
     def be_patient(self) -> None:
         """A file has no deadline."""
 

@@ -262,6 +262,27 @@ def test_a_watch_under_way_is_told(store, opened):
         next(watching)
 
 
+def test_who_is_notified_is_told(postgresql_store, opened):
+    """With notifications nothing remembered outlives the store."""
+    kb = opened(postgresql_store.url, "kenny", notifications=True)
+    kb.load(DOMAIN)
+    kb.add("hall - room")
+    postgresql_store.save()
+    until_connected(lambda: kb.add("(clean hall)"))
+    assert [kb.holds("(clean hall)") for _ in range(3)] == [True] * 3
+    postgresql_store.restore()
+
+    def ask_again_and_again():
+        # the end of the listening connection has to arrive
+        deadline = time.monotonic() + 10
+        while time.monotonic() < deadline:
+            until_connected(lambda: kb.holds("(clean hall)"))
+
+    with pytest.raises(StoreWentBack, match="kenny was at transaction 3, and is at transaction 2"):
+        ask_again_and_again()
+    assert not kb.holds("(clean hall)")
+
+
 def test_a_knowledge_base_that_is_not_there_any_more(store, opened):
     """Where the store goes back to before it was made, it is said so, and its number is not taken for another's."""
     first = opened(store.url, "kenny")

@@ -1,0 +1,304 @@
+"""Notifications: a server tells a process of each commit, which answers questions about now from memory until then.
+
+LISTEN needs a session of the server's own, so there is one more connection for each pool, with a thread that waits on
+it. Writers notify only where somebody listens, as NOTIFY takes a lock of the whole database at the commit: who listens
+to a knowledge base holds an advisory lock on it, shared, and a writer that gets it alone for its transaction need not
+notify. Who listens trusts its memory only from the moment on at which it has that lock: by then a writer that has not
+notified has committed. The lock goes when the connection goes.
+
+What this process commits makes it forget at once, and what others commit when their notifications arrive. A transaction
+of the caller's is waited for, as nobody says when it is committed: until its notification arrives, nothing is
+remembered. Against what never notifies (a restore within the tables, a network that is cut), everything is forgotten
+every `HEARTBEAT` seconds, and nothing is trusted when the server has not answered for `TRUST` seconds.
+"""
+
+import selectors
+import socket
+import threading
+import time
+from collections.abc import Callable
+from contextlib import closing, suppress
+from typing import Any
+
+from kbstore.errors import StoreUnavailable, one_line
+from kbstore.storage.connection import LOG, AnswerCache, inherited
+
+HEARTBEAT = 5.0
+"""In seconds: the longest for which an answer is remembered."""
+
+TRUST = 2 * HEARTBEAT
+"""Seconds for which notifications are relied on after the server's last answer."""
+
+_LOCK = 0x6B62
+"""The class of the advisory locks of who listens: "kb" in ASCII."""
+
+_AGAIN = 0.05
+"""Seconds until a lock that a writer has is tried again."""
+
+_PAUSE = 1.0
+"""Seconds until a connection that was lost is made again."""
+
+ANNOUNCE = (
+    f"SELECT CASE WHEN NOT pg_try_advisory_xact_lock({_LOCK}, CAST(%(kb)s AS int))"
+    " THEN CAST(pg_notify(%(channel)s, %(number)s) AS text) END"
+)
+"""Notify of a transaction where somebody listens."""
+
+_SESSION = "SELECT pg_backend_pid(), pg_is_in_recovery()"
+
+_guard = threading.Lock()
+"""Held for a moment by who changes what is subscribed or trusted, in all pools of the process."""
+
+_subscriptions: dict[int, tuple["Subscription", ...]] = {}
+"""Those of the process, by knowledge base; their numbers are random, and as good as unique among databases."""
+
+
+def channel(kb: int) -> str:
+    """The channel of a knowledge base."""
+    return f"kbstore_{kb}"
+
+
+def committed(kb: int, number: int) -> None:
+    """Forget what was right before a transaction of this process."""
+    _tell(kb, lambda subscription: subscription.arrived(number))
+
+
+def expect(kb: int, number: int) -> None:
+    """Remember nothing until a transaction that the caller is to commit has been notified of."""
+    _tell(kb, lambda subscription: subscription.expect(number))
+
+
+def _tell(kb: int, what: Callable[["Subscription"], None]) -> None:
+    if kb in _subscriptions:
+        with _guard:
+            for subscription in _subscriptions.get(kb, ()):
+                what(subscription)
+
+
+def refuse_shared(driver: Any, store: str) -> None:
+    """Raise `StoreUnavailable` where a connection cannot listen: through a pooler, and to a standby."""
+    # a pooler makes its own number up, or hands on that of the session that it had first
+    for _ in range(2):
+        pid, is_standby = driver.execute(_SESSION).fetchone()
+        if pid != driver.info.backend_pid:
+            raise StoreUnavailable(
+                f"{store}: notifications need a session of the server's own, and there is a pooler between; give the "
+                "server's own address, or open without notifications"
+            )
+    if is_standby:
+        raise StoreUnavailable(
+            f"{store}: a standby has no notifications; open it without, or give the address of the primary"
+        )
+
+
+class Subscription:
+    """The answers about now of one opened knowledge base, for as long as they are known to be right."""
+
+    def __init__(self, listener: "Listener", kb: int) -> None:
+        self._kb = kb
+        self._listener = listener
+        self._answers: AnswerCache | None = None
+        self._awaited = self._latest = 0
+        self._patient_until = 0.0
+
+    def begin(self) -> None:
+        """Listen from now on."""
+        with _guard:
+            _subscriptions[self._kb] = (*_subscriptions.get(self._kb, ()), self)
+        self._listener.wake()
+
+    def end(self) -> None:
+        """Listen no more."""
+        with _guard:
+            left = tuple(other for other in _subscriptions.get(self._kb, ()) if other is not self)
+            if left:
+                _subscriptions[self._kb] = left
+            else:
+                _subscriptions.pop(self._kb, None)
+        self._answers = None
+        self._listener.wake()
+
+    def answers(self) -> AnswerCache | None:
+        """Return the answers that are remembered; None where nothing may be."""
+        answers = self._answers
+        if answers is not None and time.monotonic() < self._listener.trusted_until:
+            return answers
+        self._listener.ensure()
+        return None
+
+    def belongs_to(self, listener: "Listener") -> bool:
+        """Return whether a listener has it."""
+        return self._listener is listener
+
+    def drop(self) -> None:
+        """Forget everything, and go on remembering."""
+        with _guard:
+            self._latest = 0
+            if self._answers is not None:
+                self._answers = AnswerCache()
+
+    # -- with `_guard` held ---------------------------------------------------------------------------------------
+
+    def expect(self, number: int) -> None:
+        """Remember nothing until a transaction arrives, or for a while, as it may be rolled back."""
+        self._awaited, self._answers = number, None
+        self._patient_until = time.monotonic() + HEARTBEAT
+
+    def arrived(self, number: int) -> None:
+        """Forget what was right before a transaction that has been committed; of an own one for the first time only."""
+        if number != self._latest and number >= self._awaited:
+            self._latest, self._awaited = number, 0
+            self._answers = AnswerCache() if self._listener.hears(self._kb) else None
+
+    def renew(self) -> None:
+        """Forget everything, and remember from now on, unless a transaction is still waited for."""
+        if not self._awaited or time.monotonic() >= self._patient_until:
+            self._awaited = 0
+            self._answers = AnswerCache()
+
+    def forget(self) -> None:
+        """Remember nothing from now on."""
+        self._answers = None
+
+
+class Listener:
+    """The connection of one pool that listens for all its subscriptions, and the thread that waits on it."""
+
+    def __init__(self, store: str, connect: Callable[[], Any], errors: tuple[type[Exception], ...]) -> None:
+        """`store` is its name in messages, `connect` opens a connection, `errors` are those of the driver."""
+        self.trusted_until = 0.0
+        self._store = store
+        self._connect = connect
+        self._errors: tuple[type[Exception], ...] = (*errors, StoreUnavailable)
+        self._thread: threading.Thread | None = None
+        self._waker: socket.socket | None = None
+        self._driver: Any = None
+        self._held: set[int] = set()
+        """The knowledge bases of which the lock is held."""
+
+    def ensure(self) -> None:
+        """Start the thread if it does not run; after a fork it does not."""
+        if self._thread is None:
+            with _guard:
+                if self._thread is None and self._wanted():
+                    self._waker, woken = socket.socketpair()
+                    self._thread = threading.Thread(
+                        target=self._run, args=(woken,), name="kbstore notifications", daemon=True
+                    )
+                    self._thread.start()
+
+    def wake(self) -> None:
+        """Have the thread look at what is subscribed; wait a moment for its end where nothing is any more."""
+        self.ensure()
+        thread, waker = self._thread, self._waker
+        if thread is None or waker is None:
+            return
+        with suppress(OSError):
+            # the thread may have ended just now
+            waker.send(b".")
+        if not self._wanted():
+            thread.join(_PAUSE)
+
+    def forget_parent(self) -> None:
+        """In a forked child: leave the connection to the parent; the thread is started again when it is needed."""
+        global _guard  # noqa: PLW0603 - a thread of the parent may have held it
+        _guard = threading.Lock()
+        inherited.append(self._driver)
+        self._driver = self._thread = self._waker = None
+        self._forget()
+
+    def hears(self, kb: int) -> bool:
+        """Return whether whoever commits to a knowledge base notifies this listener."""
+        return kb in self._held
+
+    def _wanted(self) -> set[int]:
+        return {kb for kb, found in list(_subscriptions.items()) if any(each.belongs_to(self) for each in found)}
+
+    def _each(self, kbs: set[int], what: Callable[[Subscription], None]) -> None:
+        with _guard:
+            for kb in kbs:
+                for subscription in _subscriptions.get(kb, ()):
+                    if subscription.belongs_to(self):
+                        what(subscription)
+
+    def _forget(self) -> None:
+        self.trusted_until = 0.0
+        self._held = set()
+        self._each(self._wanted(), Subscription.forget)
+
+    # -- the thread -----------------------------------------------------------------------------------------------
+
+    def _run(self, woken: socket.socket) -> None:
+        with woken:
+            has_failed = False
+            while True:
+                with _guard:
+                    if not self._wanted() and self._waker is not None:
+                        self._waker.close()
+                        self._waker = self._thread = None
+                        return
+                try:
+                    with closing(self._connect()) as self._driver:
+                        refuse_shared(self._driver, self._store)
+                        has_failed = False
+                        self._listen(self._driver, woken)
+                except self._errors as error:
+                    if not has_failed:
+                        LOG.warning(
+                            "%s: no notifications (%s); every question is asked of the server until they are back",
+                            self._store,
+                            one_line(str(error).strip()),
+                        )
+                    has_failed = True
+                self._forget()
+                if has_failed:
+                    _wait(_PAUSE, woken)
+
+    def _listen(self, driver: Any, woken: socket.socket) -> None:
+        """Listen to what is subscribed, until nothing is any more."""
+        held = self._held = set()
+        # what arrives together with the answer to a statement
+        driver.add_notify_handler(lambda found: self._arrived(found.channel, found.payload))
+        next_beat = 0.0
+        while wanted := self._wanted():
+            for kb in held - wanted:
+                held.remove(kb)
+                driver.execute(f"UNLISTEN {channel(kb)}")
+                driver.execute("SELECT pg_advisory_unlock_shared(%s, %s)", (_LOCK, kb))
+            for kb in wanted - held:
+                driver.execute(f"LISTEN {channel(kb)}")
+                if driver.execute("SELECT pg_try_advisory_lock_shared(%s, %s)", (_LOCK, kb)).fetchone()[0]:
+                    held.add(kb)
+                    next_beat = 0.0
+            now = time.monotonic()
+            if now >= next_beat:
+                driver.execute("SELECT 1")
+                self._each(held, Subscription.renew)
+                self.trusted_until = now + TRUST
+                next_beat = now + HEARTBEAT
+            patience = next_beat - now if held == wanted else _AGAIN
+            if _wait(patience, woken, driver):
+                next_beat = 0.0
+            # never waits
+            driver.pgconn.consume_input()
+            while (found := driver.pgconn.notifies()) is not None:
+                self._arrived(found.relname.decode(), found.extra.decode())
+
+    def _arrived(self, name: str, payload: str) -> None:
+        kb = name.rpartition("_")[2]
+        # anybody may notify
+        if kb.isdecimal() and payload.isdecimal():
+            number = int(payload)
+            self._each({int(kb)}, lambda subscription: subscription.arrived(number))
+
+
+def _wait(seconds: float, woken: socket.socket, *others: Any) -> bool:
+    """Wait until something can be read, or for some seconds; return whether the thread was woken."""
+    # not `select.select`, which takes no file with a number from 1024 on
+    with selectors.DefaultSelector() as selector:
+        for file in (woken, *others):
+            selector.register(file, selectors.EVENT_READ)
+        is_woken = any(key.fileobj is woken for key, _ in selector.select(seconds))
+    if is_woken:
+        woken.recv(4096)
+    return is_woken
