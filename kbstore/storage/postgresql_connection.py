@@ -23,6 +23,11 @@ _DATABASE = "SELECT oid, pg_postmaster_start_time() FROM pg_database WHERE datna
 
 _READING = "BEGIN ISOLATION LEVEL REPEATABLE READ READ ONLY"
 
+_WAITING = (
+    "SELECT set_config('synchronous_commit', 'on', true) WHERE current_setting('synchronous_commit') <> 'remote_apply'"
+)
+"""Waits for the disk, and for a synchronous standby; where the server waits until that can be asked, it goes on to."""
+
 _plain = attrgetter("postgresql")
 
 
@@ -183,11 +188,8 @@ class PostgresqlConnection(StoreConnection):
         if self._patience is not None:
             # a lock may be waited for, too
             self._wait(self._patience + self.options.busy_timeout)
-        waits = "on" if self.options.durability == "full" else "off"
-        text = (
-            "BEGIN ISOLATION LEVEL READ COMMITTED;"
-            f" SET LOCAL lock_timeout = {patience}; SET LOCAL synchronous_commit = {waits}"
-        )
+        waits = _WAITING if self.options.durability == "full" else "SET LOCAL synchronous_commit = off"
+        text = f"BEGIN ISOLATION LEVEL READ COMMITTED; SET LOCAL lock_timeout = {patience}; {waits}"
         # several commands cannot be prepared
         return text, {"prepare": False}
 

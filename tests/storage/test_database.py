@@ -73,6 +73,16 @@ def test_durability_is_postgresqls_synchronous_commit(postgresql_url, durability
     database.close()
 
 
+def test_a_server_that_waits_for_longer_is_not_hurried(postgresql_url):
+    """`remote_apply`, with which a standby can be asked for what was acknowledged, is more than "full" asks for."""
+    for durability, synchronous in (("full", "remote_apply"), ("normal", "off")):
+        url = f"{postgresql_url}&options=-csynchronous_commit%3Dremote_apply"
+        database = Database(url, durability=durability)
+        with database.begin() as writing:
+            assert settings(writing.driver)["synchronous_commit"] == synchronous
+        database.close()
+
+
 def test_read_only_is_held_by_the_database_itself(path, postgresql_url):
     """A read-only connection refuses to change anything, whatever is tried on it."""
     for url in (path, postgresql_url):
