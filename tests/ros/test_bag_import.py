@@ -253,6 +253,16 @@ def unknown_predicate(messages):
     yield 6, "/problem_expert/knowledge", messages.knowledge(["a"], ["(flying a)"])
 
 
+def unknown_predicate_of_a_new_object(messages):
+    yield 5, "/problem_expert/knowledge", messages.knowledge(["a"], ["(open a)"])
+    yield 6, "/problem_expert/knowledge", messages.knowledge(["a", "b"], ["(flying b)"])
+
+
+def unknown_action(messages):
+    yield 5, "/problem_expert/knowledge", messages.knowledge(["a"], ["(open a)"])
+    yield 6, "/action_execution_info", messages.info(2, 6, "(fly a)", 6)
+
+
 @pytest.mark.parametrize(
     ("made", "why"),
     [
@@ -260,6 +270,8 @@ def unknown_predicate(messages):
         (two_worlds, r"several worlds, /r1/problem_expert/knowledge and /r2/"),
         (two_planners, r"topics of PlanSys2 and of ROSPlan, /problem_expert/knowledge, /problem_instance; make a bag"),
         (unknown_predicate, r"/problem_expert/knowledge at 1970-01-01T00:00:00.000000006Z: .*flying"),
+        (unknown_predicate_of_a_new_object, r"/knowledge at 1970-01-01T00:00:00.000000006Z: .*flying"),
+        (unknown_action, r"/action_execution_info at 1970-01-01T00:00:00.000000006Z: .*no operator fly"),
     ],
 )
 def test_what_does_not_fit_is_refused(tmp_path, made, why):
@@ -267,7 +279,7 @@ def test_what_does_not_fit_is_refused(tmp_path, made, why):
     bag, store = write(tmp_path / "tour", "sqlite3", made), tmp_path / "robot.db"
     with pytest.raises(kbstore.KbStoreError, match=why):
         import_bag(bag, store, "tour", domain=DOMAIN)
-    if made is unknown_predicate:
+    if made.__name__.startswith("unknown"):
         with opened(store) as kb:
             assert kb.when("(open a)", 0, 100) == [(5, 100)]
 

@@ -3,6 +3,7 @@
 import os
 from collections import Counter
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import groupby
 from pathlib import Path
@@ -131,10 +132,12 @@ class _Recorder:
         """Infer types from all of the bag: what comes late may tell more than what comes first."""
         for found in self._bag.messages():
             message = found.message
-            if found.kind == "knowledge" and mirror.missing_types(message):
-                mirror.learn(message)
-            elif found.kind in ("info", "hub"):
-                mirror.types.observe(domain.action(message.action), message.arguments)
+            # what does not fit the domain ends the import when its turn comes
+            with suppress(KbStoreError):
+                if found.kind == "knowledge" and mirror.missing_types(message):
+                    mirror.learn(message)
+                elif found.kind in ("info", "hub"):
+                    mirror.types.observe(domain.action(message.action), message.arguments)
 
     def record(self, progress: Progress | None) -> None:
         """Record all messages that an import before has not recorded."""
