@@ -2,6 +2,7 @@
 
 import sqlite3
 from contextlib import closing
+from pathlib import Path
 
 import pytest
 
@@ -229,6 +230,23 @@ def test_a_bag_without_definitions(tmp_path):
     with opened(store) as kb:
         assert [(run.started, run.ended) for run in kb.runs("move")] == [(start, end) for start, end, *_ in drives()]
         assert kb.when("(robot_at r1 b)", BEGIN, BEGIN + 2 * HOUR) == expected_places()["b"]
+
+
+def one_snapshot(messages):
+    yield 5, "/problem_expert/knowledge", messages.knowledge(["a"], ["(open a)"])
+
+
+def test_the_name_of_the_bag(tmp_path, monkeypatch):
+    """That of its directory, also from within and with dots in it, or that of its file without the ending."""
+    bag = write(tmp_path / "tour_2026.11.30", "mcap", one_snapshot)
+    monkeypatch.chdir(bag)
+    (file,) = bag.glob("*.mcap")
+    file.rename("monday.mcap")
+    store = tmp_path / "robot.db"
+    assert import_bag("monday.mcap", store, domain=DOMAIN).name == "monday"
+    Path("monday.mcap").rename(file.name)
+    for path in (".", bag):
+        assert import_bag(path, store, domain=DOMAIN).name == "tour_2026.11.30"
 
 
 # -- what cannot be imported --------------------------------------------------------------------------------------

@@ -75,7 +75,7 @@ def import_bag(
         if first is None:
             raise InvalidKnowledge(f"{path} has topics of PlanSys2 or of ROSPlan, and no message on them")
         clock = ManualClock()
-        name = name or Path(path).stem
+        name = name or _name(Path(os.path.abspath(path)))
         # times are those of the bag, or an error; what a crash loses is imported again
         with kbstore.open(url, name, clock=clock, tolerance=0, durability="normal") as kb:
             before = _latest(kb, bag, first)
@@ -86,6 +86,10 @@ def import_bag(
             recorder.record(progress)
             recorded = sum(1 for _ in kb.changes(after=before or 0))
             return Imported(name, recorder.counts, recorded, first.time, recorder.last, tuple(bag.others))
+
+
+def _name(bag: Path) -> str:
+    return bag.name if bag.is_dir() else bag.stem
 
 
 def _latest(kb: KnowledgeBase, bag: Bag, first: Recorded) -> Transaction | None:
