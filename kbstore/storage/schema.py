@@ -25,8 +25,9 @@ from sqlalchemy.exc import DBAPIError
 from kbstore.errors import KbStoreError, SchemaOutOfDate, SchemaTooNew, SchemaUnknown, StoreUnavailable, one_line
 from kbstore.storage import schema_objects, tables
 from kbstore.storage.connection import LOG
-from kbstore.storage.engine import make_engine, parsed_url, refuse_schema, schema_of
+from kbstore.storage.engine import BUSY_TIMEOUT, make_engine, parsed_url, refuse_schema, schema_of
 from kbstore.storage.schema_objects import VERSION_TABLE, VIEWS
+from kbstore.storage.server_engine import answer_timeout, lend_patience, take_patience_back
 from kbstore.storage.sqlite_files import file_of, refuse_half, way_out
 from kbstore.storage.statement_events import begin_quietly
 
@@ -169,8 +170,15 @@ def connecting(engine: sa.Engine, *, existing: bool = False) -> Iterator[sa.Conn
         # a connection that has it already may be another one's, too (in memory), and is left as it is
         if not engine.dialect.detect_autocommit_setting(driver):
             connection.execution_options(isolation_level="AUTOCOMMIT")
-        begin_quietly(connection)
-        yield connection
+        is_server = engine.dialect.name == "postgresql"
+        if is_server:
+            lend_patience(driver, answer_timeout(engine.url, BUSY_TIMEOUT))
+        try:
+            begin_quietly(connection)
+            yield connection
+        finally:
+            if is_server:
+                take_patience_back(driver)
 
 
 # -- what a database has ------------------------------------------------------------------------------------------
@@ -181,8 +189,8 @@ def _stamps(connection: sa.Connection, schema: str | None) -> list[str] | None:
     try:
         table = sa.table(VERSION_TABLE, sa.column("version_num"), schema=schema)
         return list(connection.execute(sa.select(table)).scalars())
-    except DBAPIError:
-        if sa.inspect(connection).has_table(VERSION_TABLE, schema=schema):
+    except DBAPIError as error:
+        if error.connection_invalidated or sa.inspect(connection).has_table(VERSION_TABLE, schema=schema):
             raise
         return None
 

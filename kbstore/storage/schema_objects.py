@@ -92,10 +92,12 @@ _CATALOGUE = sa.text(
     WITH place AS (
       SELECT relnamespace FROM pg_class WHERE oid = to_regclass(:place)
     ), own AS (
-      SELECT c.oid, c.relname, c.relkind FROM pg_class c JOIN place p ON c.relnamespace = p.relnamespace
+      SELECT c.oid, c.relname, c.relkind, c.relpersistence
+      FROM pg_class c JOIN place p ON c.relnamespace = p.relnamespace
       WHERE c.relname = ANY(:names)
     )
-    SELECT CASE WHEN relkind IN ('r', 'p') THEN 'table ' WHEN relkind = 'v' THEN 'view ' ELSE 'relation ' END || relname
+    SELECT CASE WHEN relpersistence <> 'p' THEN 'unlogged ' ELSE '' END
+      || CASE WHEN relkind IN ('r', 'p') THEN 'table ' WHEN relkind = 'v' THEN 'view ' ELSE 'relation ' END || relname
     FROM own
     UNION ALL
     SELECT 'column ' || o.relname || '.' || a.attname || ' ' || format_type(a.atttypid, a.atttypmod)

@@ -31,6 +31,7 @@ POSTGRESQL = {
     "CREATE RULE r AS ON DELETE TO facts DO INSTEAD NOTHING": "it has rule r on facts",
     "ALTER TABLE functions ALTER COLUMN rate TYPE real": "functions.rate real",
     'ALTER TABLE symbols ALTER COLUMN key TYPE text COLLATE "POSIX"': 'it has column symbols.key text COLLATE "POSIX"',
+    "ALTER TABLE revisions SET UNLOGGED": "it has unlogged table revisions",
     "ALTER TABLE facts ADD CHECK (seq < 5)": "it has constraint facts_seq_check of facts",
     "ALTER TABLE facts DROP CONSTRAINT fk_facts_timelines": "it lacks foreign key fk_facts_timelines of facts",
     "ALTER TABLE facts DROP CONSTRAINT fk_facts_timelines, ADD CONSTRAINT fk_facts_timelines FOREIGN KEY"

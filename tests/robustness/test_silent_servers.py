@@ -12,7 +12,7 @@ import sqlalchemy as sa
 
 import kbstore
 from kbstore.errors import StoreUnavailable
-from kbstore.storage import server_engine
+from kbstore.storage import schema, server_engine
 from kbstore.storage.engine import make_engine
 from kbstore.storage.statements import Statement
 from tests.robustness.pooler import pooled
@@ -46,13 +46,14 @@ def test_a_silent_server_is_given_up_on_an_engine_of_the_callers(empty_database,
     if not server_is_ours(empty_database):
         pytest.skip("the server named by KBSTORE_TEST_POSTGRESQL_URL is not reached by a socket of the file system")
     monkeypatch.setattr(server_engine, "_LEAST_PATIENCE", 1.0)
+    monkeypatch.setattr(schema, "BUSY_TIMEOUT", 1.0)
     with pooled(empty_database) as (url, pooler):
         engine = sa.create_engine(
             driver_url(url).replace("://", "+psycopg://"), connect_args={"prepare_threshold": None}
         )
         with kbstore.open(engine, busy_timeout=0.5) as kb:
             kb.add("(raining)")
-            for ask in (kb.state, lambda: kb.add("(open hall)")):
+            for ask in (kb.state, lambda: kb.add("(open hall)"), lambda: kbstore.open(engine)):
                 with pooler.frozen():
                     within(10, ask)
                 assert kb.holds("(raining)")
