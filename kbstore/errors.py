@@ -38,7 +38,10 @@ class InvalidTime(KbStoreError, ValueError):
 
 
 class PddlSyntaxError(KbStoreError, ValueError):
-    """PDDL text that cannot be read; ``line`` and ``column`` count from 1, ``source`` is the file, if any."""
+    """PDDL text that cannot be read; ``line`` and ``column`` count from 1, ``source`` is the file, if any.
+
+    Where a file cannot be read at all, ``line`` is 0.
+    """
 
     def __init__(
         self,
@@ -52,8 +55,8 @@ class PddlSyntaxError(KbStoreError, ValueError):
         self.line = line
         self.column = column
         self.source = source
-        place = f"{source}:{line}:{column}" if source else f"line {line}, column {column}"
-        super().__init__(f"{place}: {problem}" + (_quoted(text_line, column) if text_line else ""))
+        place = f"{source}:{line}:{column}: " if source else f"line {line}, column {column}: " if line else ""
+        super().__init__(f"{place}{problem}" + (_quoted(text_line, column) if text_line else ""))
 
 
 class UnknownSymbol(KbStoreError, LookupError):

@@ -29,13 +29,17 @@ class LazyGroup(TyperGroup):
         return name, _imported(name, self._functions[name]) if name in self._functions else command, rest
 
 
+_PASSING_ON = frozenset({"history.diff", "ros.plansys2", "ros.record"})
+"""Commands with arguments that look like options: a relative time like -5m, and what ROS 2 reads."""
+
+
 def _imported(name: str, place: str) -> Any:
     module, _, function = place.partition(".")
     called = getattr(import_module(f"kbstore.cli.{module}"), function)
     gc.freeze()
     gc.enable()
-    # keep the lines of examples; let diff take a relative time like -5m, which looks like an option
+    # keep the lines of examples
     help_text = cleandoc(called.__doc__ or "").replace("Examples:\n", "\b\nExamples:\n")
     single = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
-    single.command(name, help=help_text, context_settings={"ignore_unknown_options": name == "diff"})(called)
+    single.command(name, help=help_text, context_settings={"ignore_unknown_options": place in _PASSING_ON})(called)
     return typer.main.get_command(single)

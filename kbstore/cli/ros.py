@@ -39,17 +39,18 @@ def plansys2(arguments: Ros2Arguments = None, url: Url = None, kb: Kb = None) ->
     """Take the place of PlanSys2's problem expert and domain expert, on ROS 2.
 
     Both are lifecycle nodes, which PlanSys2's bringup configures and activates. Their parameters are model_file,
-    problem_file, url and kb; ROS's own arguments come after --. Started again, they go on where they were.
+    problem_file, url and kb. Started again, they go on where they were.
 
     Examples:
         kbstore ros plansys2 --url robot.db --kb kenny
-        kbstore ros plansys2 -- --ros-args -p model_file:=domain.pddl
+        kbstore ros plansys2 --ros-args -p model_file:=domain.pddl
     """
+    given = _of_ros(arguments)
     try:
         from kbstore.ros.plansys2_node import run
     except ImportError as error:
         raise _needs("PlanSys2's experts need", error) from None
-    run(url, kb, arguments or ())
+    run(url, kb, given)
 
 
 def record(
@@ -70,14 +71,21 @@ def record(
 
     Examples:
         kbstore ros record --url robot.db --kb kenny
-        kbstore ros record -- --ros-args -r __ns:=/kenny
+        kbstore ros record --url robot.db --ros-args -r __ns:=/kenny
     """
-    place = store(url)
+    given, place = _of_ros(arguments), store(url)
     try:
         from kbstore.ros.recorder_node import run
     except ImportError as error:
         raise _needs("the recorder needs", error) from None
-    run(place, kb or "default", domain, problem, arguments or ())
+    run(place, kb or "default", domain, problem, given)
+
+
+def _of_ros(arguments: list[str] | None) -> list[str]:
+    """Return ROS's own arguments. Anything before --ros-args is a mistake, which ROS would not notice."""
+    if arguments and arguments[0] != "--ros-args":
+        raise typer.BadParameter(f"there is no option {arguments[0]}; what ROS reads comes after --ros-args")
+    return arguments or []
 
 
 def _needs(who: str, error: ImportError) -> MissingLibrary:

@@ -67,7 +67,7 @@ class SourceText:
         if isinstance(source, SourceText):
             return source
         if not isinstance(source, str | os.PathLike):
-            raise PddlSyntaxError(f"give the path of a PDDL file, or PDDL text, not {source!r:.80}")
+            raise PddlSyntaxError(f"give the path of a PDDL file, or PDDL text, not {source!r:.80}", line=0)
         if isinstance(source, str) and "(" in source and not _is_file(source):
             return cls(source.removeprefix("\ufeff"))._checked()
         name = os.fspath(source)
@@ -77,7 +77,8 @@ class SourceText:
             reason = error.strerror if isinstance(error, OSError) else str(error)
             raise PddlSyntaxError(
                 f"cannot read the file {name!r:.200}: {reason}; give the path of a PDDL file, or PDDL text "
-                "like '(define (domain ...) ...)'"
+                "like '(define (domain ...) ...)'",
+                line=0,
             ) from None
         try:
             return cls(content.decode("utf-8-sig"), name)._checked()

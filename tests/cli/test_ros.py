@@ -1,6 +1,7 @@
-"""The nodes of ROS, without ROS: what is missing is named."""
+"""The nodes of ROS, without ROS: what is missing is named, and what ROS reads is passed on."""
 
 import sys
+from types import SimpleNamespace
 
 import pytest
 
@@ -31,3 +32,26 @@ def test_the_recorder_needs_a_store(run, monkeypatch):
     """It is asked for before ROS is looked for."""
     monkeypatch.delenv("KBSTORE_URL")
     assert "which store?" in run("ros", "record").err
+
+
+ROS = ["--ros-args", "-r", "__ns:=/kenny", "-p", "use_sim_time:=true", "--log-level", "debug"]
+
+
+@pytest.mark.parametrize(("command", "module"), [("plansys2", "plansys2_node"), ("record", "recorder_node")])
+@pytest.mark.parametrize("separated", [[], ["--"]])
+def test_what_ros_reads_follows_as_with_every_node(run, monkeypatch, command, module, separated):
+    """From --ros-args on everything is ROS's, options included."""
+    called = []
+    node = SimpleNamespace(run=lambda *arguments: called.append(arguments))
+    monkeypatch.setitem(sys.modules, f"kbstore.ros.{module}", node)
+    assert run("ros", command, "--url", "robot.db", "--kb", "kenny", *separated, *ROS).code == 0
+    ((url, kb, *_, given),) = called
+    assert (url, kb, given) == ("robot.db", "kenny", ROS)
+
+
+@pytest.mark.parametrize("command", ["plansys2", "record"])
+def test_an_option_that_is_none_is_refused(run, command):
+    """A slip is not passed on to ROS, which would not notice."""
+    done = run("ros", command, "--ulr", "robot.db", "--ros-args", "-r", "__ns:=/kenny")
+    assert done.code == 2
+    assert "there is no option --ulr; what ROS reads comes after --ros-args" in done.err

@@ -127,15 +127,15 @@ class TestOpening:
 
     @pytest.mark.parametrize("name", ["", "nowhere.pddl", "no text", "nul\0"])
     def test_missing_file(self, name, tmp_path, monkeypatch):
-        """A file that cannot be read is a clear refusal that names it."""
+        """A file that cannot be read is a clear refusal that names it, and no line in it."""
         monkeypatch.chdir(tmp_path)
-        with pytest.raises(PddlSyntaxError, match="cannot read the file"):
+        with pytest.raises(PddlSyntaxError, match=r"^cannot read the file"):
             SourceText.open(name)
 
     @pytest.mark.parametrize("given", [None, 7, b"(p)", ["(p)"]])
     def test_neither(self, given):
         """What is neither text nor a path is refused."""
-        with pytest.raises(PddlSyntaxError, match="give the path"):
+        with pytest.raises(PddlSyntaxError, match=r"^give the path"):
             SourceText.open(given)
 
     def test_encodings(self, tmp_path):

@@ -25,7 +25,4 @@ def record() -> None:
 
 
 def _run(command: str) -> None:
-    """Call a command of kbstore, with ROS's own arguments behind ``--``, where it expects them."""
-    arguments = sys.argv[1:]
-    split = arguments.index("--ros-args") if "--ros-args" in arguments else len(arguments)
-    app(["ros", command, *arguments[:split], "--", *arguments[split:]], prog_name="kbstore")
+    app(["ros", command, *sys.argv[1:]], prog_name="kbstore")
