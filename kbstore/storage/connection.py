@@ -129,6 +129,10 @@ class StoreConnection(ABC):
             raise self._failure(error) from error
         return row
 
+    def all_at_first(self, statement: Statement, parameters: Parameters) -> list[SqlRow]:
+        """All rows of a statement; the first of a reading transaction sees the latest commit, and does not begin it."""
+        return self.all(statement, parameters)
+
     def all_at_once(self, reads: Sequence[tuple[Statement, Parameters]]) -> list[list[SqlRow]]:
         """All rows of several statements; from a server, in one trip."""
         return [self.all(statement, parameters) for statement, parameters in reads]

@@ -46,6 +46,7 @@ class Progress:
         seen: the last transaction that has been seen.
         acknowledged: the last of this process's own.
         present: which kinds of rows there were then, as in `Head`.
+        has_more: whether a state has schedules or runs, besides assertions.
         returns: how often the store has gone back.
         is_gone: whether it has gone back to before the knowledge base was made.
     """
@@ -54,6 +55,7 @@ class Progress:
         self.seen = Mark(0, 0)
         self.acknowledged: Mark | None = None
         self.present = 0
+        self.has_more = False
         self.returns = 0
         self.is_gone = False
         self.forgetting: list[Callable[[], None]] = []

@@ -160,6 +160,16 @@ class PostgresqlConnection(StoreConnection):
         was_waiting, self._is_waiting = self._is_waiting, False
         return not was_waiting
 
+    def all_at_first(self, statement: Statement, parameters: Parameters) -> list[SqlRow]:
+        """All rows of a statement; the first of a reading transaction sees the latest commit, and does not begin it."""
+        if not self._is_waiting:
+            return self.all(statement, parameters)
+        try:
+            rows: list[SqlRow] = self.driver.execute(self._text(statement), parameters, binary=True).fetchall()
+        except self._error as error:
+            raise self._failure(error) from error
+        return rows
+
     def all_at_once(self, reads: Sequence[tuple[Statement, Parameters]]) -> list[list[SqlRow]]:
         """All rows of several statements, in one trip to the server."""
         if len(reads) < 2 or self._executing is not self.driver:

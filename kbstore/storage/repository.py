@@ -31,9 +31,13 @@ from kbstore.storage.records import (
 )
 from kbstore.storage.statements import Statement
 from kbstore.storage.tables import PRESENT_SCHEDULES
+from kbstore.storage.whole_state import split, whole_state
 
 _LAST_KEY = "\U0010ffff"
 """A string that sorts after all keys."""
+
+_SIGNS = (False,), (True,)
+"""The values of facts, by whether they are negative."""
 
 _VALUE = 10
 """The index of the value in the rows that history reads."""
@@ -74,6 +78,7 @@ class Repository:
         head = self._head = Head._make(row)
         self._look(Mark(head.number, head.token))
         self._memory.progress.present = head.present
+        self._memory.progress.has_more = bool(head.present & PRESENT_SCHEDULES or head.last_run)
         return head
 
     def _has_gone_back(self) -> bool:
@@ -230,9 +235,21 @@ class Repository:
     # -- states -----------------------------------------------------------------------------------------------
 
     def read_state(self, t: int) -> None:
-        """Read the head and what holds at a time in one trip to a server, for `head` and `state_at` to answer by."""
-        position = LogPosition(t)
-        kinds = [kind for kind in KnowledgeType if self._memory.progress.present >> kind & 1]
+        """Read the head and what holds at a time in one trip to a server, for `head` and `state_at` to answer by.
+
+        One statement is a snapshot of its own, and ends the transaction that it would need. Where schedules or runs are
+        to be read as well, which have to be of the same snapshot, it is several in a transaction.
+        """
+        position, progress = LogPosition(t), self._memory.progress
+        kinds = tuple(kind for kind in KnowledgeType if progress.present >> kind & 1)
+        if not progress.has_more:
+            rows = self._connection.all_at_first(whole_state(kinds), self._at(position))
+            row, by_kind = split(rows, kinds)
+            head = self._see(row)
+            if head.present == sum(1 << kind for kind in kinds) and not progress.has_more:
+                self._read_ahead = {(kind, position): found for kind, found in by_kind.items()}
+                return
+            kinds = tuple(kind for kind in KnowledgeType if head.present >> kind & 1)
         reads = [(for_kind[kind].standing, self._at(position)) for kind in kinds]
         heads, *found = self._connection.all_at_once([(queries.head, {"kb": self._kb}), *reads])
         self._see(heads[0] if heads else None)
@@ -578,5 +595,5 @@ def _upto(number: int | None, last: int) -> int | None:
 def _with_timelines(rows: list[SqlRow], timelines: Mapping[int, Timeline]) -> list[StateRow]:
     if rows and len(rows[0]) == 3:
         # facts, of which a state has most; slicing would take half as long again
-        return [(timelines[id], t, (sign,)) for id, t, sign in rows]
+        return [(timelines[id], t, _SIGNS[sign]) for id, t, sign in rows]
     return [(timelines[row[0]], row[1], row[2:]) for row in rows]

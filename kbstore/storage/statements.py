@@ -80,9 +80,10 @@ class Statement:
         return text
 
     def _compiled(self, dialect: str, **place: Any) -> Any:
-        return self._core(dialect).compile(dialect=_NAMED[dialect], **place)
+        return self.core(dialect).compile(dialect=_NAMED[dialect], **place)
 
-    def _core(self, dialect: str) -> Any:
+    def core(self, dialect: str) -> Any:
+        """The construct for a dialect."""
         made = self._construct
         return made if isinstance(made, sa.ClauseElement) else made(dialect)
 
@@ -101,7 +102,7 @@ class Lookup(Statement):
         self.names = names
 
     def _compiled(self, dialect: str, **place: Any) -> Any:
-        compiled = self._core(dialect).compile(dialect=_POSITIONAL[dialect])
+        compiled = self.core(dialect).compile(dialect=_POSITIONAL[dialect])
         assert tuple(compiled.positiontup) == self.names
         return compiled if dialect == "sqlite" else super()._compiled(dialect, **place)
 
@@ -145,7 +146,7 @@ class Batch(Statement):
         return cls(table.delete().where(which), *key.values())
 
     def _compiled(self, dialect: str, **place: Any) -> Any:
-        compiled = self._core(dialect).compile(dialect=_POSITIONAL[dialect], column_keys=self.columns, **place)
+        compiled = self.core(dialect).compile(dialect=_POSITIONAL[dialect], column_keys=self.columns, **place)
         assert tuple(compiled.positiontup) == self.columns
         return compiled
 

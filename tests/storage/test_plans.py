@@ -15,6 +15,7 @@ from kbstore.storage import queries
 from kbstore.storage.assertion_queries import for_kind
 from kbstore.storage.interval_tree import LEVELS, path, ranges, superseded
 from kbstore.storage.statements import Batch, Lookup, Statement
+from kbstore.storage.whole_state import whole_state
 from tests.storage.stores import KB, SPAN
 
 T = SPAN // 2
@@ -250,6 +251,16 @@ def test_the_plan_for_an_empty_table_holds_when_it_is_full_on_postgresql(young_p
         if re.search(r"Index Cond: \(kb_id = \S+\)$", condition) and "using pk_heads on heads" not in scan
     ]
     assert not whole + [step for step in plan if "Seq Scan" in step]
+
+
+def test_a_whole_state_is_read_by_indexes_on_postgresql(long_postgresql):
+    """The one statement for a state goes to the head by its key, and twice to each table by the interval tree."""
+    statement = whole_state(tuple(for_kind)).postgresql
+    values = values_of(whole_state(tuple(for_kind)), list)
+    parameters = {name: values[name] for name in set(re.findall(r"%\((\w+)\)s", statement))}
+    plan = "\n".join(row[0] for row in long_postgresql.execute(f"EXPLAIN {statement}", parameters))
+    assert all(f"ix_{table}_{index} on {table}" in plan for table in ALL for index in ("begin", "end"))
+    assert not [table for table in ALL if f"Seq Scan on {table}" in plan]
 
 
 @pytest.mark.parametrize("question", HISTORY_OF_ONE)
