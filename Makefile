@@ -2,6 +2,9 @@ PYTHON ?= python3
 BIN := .venv/bin
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --editable
 
+# The tests start processes, each of which would compile kbstore anew.
+unexport PYTHONDONTWRITEBYTECODE
+
 .PHONY: demo test pgbouncer test-browser test-ros test-ros1 test-ros2 lint bench
 
 demo: .venv/runtime

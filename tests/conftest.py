@@ -4,6 +4,7 @@ A test that takes `kb`, `open_kb` or `store_url` runs once on each. One store se
 knowledge base of its own for each test, as a fleet shares one server.
 """
 
+import gc
 import itertools
 import os
 import tempfile
@@ -44,6 +45,18 @@ DOMAIN = """
 OBJECTS = ("kenny - robot", "wp0 - place", "wp1 - place", "hall - room", "galley - kitchen", "cup - item")
 
 _numbers = itertools.count(1)
+
+
+def pytest_configure() -> None:
+    """Collect no garbage while tests are collected; what makes them stays."""
+    gc.disable()
+
+
+def pytest_collection_finish() -> None:
+    """Leave the tests and what they import out of the collections of garbage, each of which would walk through it."""
+    gc.freeze()
+    gc.enable()
+
 
 _HASTY = {"fsync": "off", "synchronous_commit": "off", "full_page_writes": "off"}
 """Settings of a server that lives for one session: what it had written is lost with the machine, not with a process."""
