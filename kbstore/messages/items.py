@@ -83,6 +83,11 @@ class _Attribute(_Item):
         """The attribute's name and the arguments as they are compared (rule D3)."""
         return tuple(map(key, (self.attribute_name, *self.arguments)))
 
+    @lazy
+    def timeline_key(self) -> str:
+        """The key in one text, which is that of the timeline where the arguments are in the order of the parameters."""
+        return " ".join(self.key)
+
     @property
     def text(self) -> str:
         """The atom in PDDL, for instance ``(robot_at kenny wp0)``."""

@@ -113,6 +113,8 @@ def as_item(knowledge: Question, symbol_table: SymbolTable) -> KnowledgeItem:
         return item
     given = decoded(knowledge)
     match given:
+        case Instance() | Fact() | Function():
+            return given
         case DomainInequality():
             return as_item(Inequality(ineq=given), symbol_table)
         case Inequality():
@@ -120,8 +122,6 @@ def as_item(knowledge: Question, symbol_table: SymbolTable) -> KnowledgeItem:
             return given.changed(ineq=given.ineq.changed(LHS=left, RHS=right))
         case Expression():
             return given.changed(expr=_in_order(given.expr, symbol_table))
-        case Instance() | Fact() | Function():
-            return given
         case ExprComposite() | tuple():
             raise InvalidKnowledge(f"{given!s:.200} is an expression, which has a value: ask for it by kb.value(...)")
         case Condition():

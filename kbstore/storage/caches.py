@@ -7,6 +7,7 @@ timelines              number; role, kind and key     200,000                   
 domain versions        version number                 all                       never wrong: a version never changes
 prepared questions     domain version and question    50,000                    never wrong: made anew for a version
 past states            valid time                     50,000 assertions         late knowledge reaches their time
+open rows              number of a timeline           50,000                    somebody else writes
 answers about now      question; of one connection,   50,000                    anybody commits, or a notification of
                        or while notified                                        that arrives; one of the parts of the
                                                                                 question changes by the clock
@@ -23,11 +24,12 @@ in a text) and what is worked out once for each symbol of a domain, which goes w
 arguments alone, and are never wrong.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Generic, TypeVar
 
 TIMELINES = 200_000
 QUESTIONS = 50_000
+OPEN_ROWS = 50_000
 ANSWERS = 50_000
 STATE_ANSWERS = 1_000
 ASSERTIONS = 50_000
@@ -106,11 +108,11 @@ class LRU(dict[_Key, _Value], Generic[_Key, _Value]):
                 return
             room -= 1 if self._size is None else self._size(value)
 
-    def drop(self, is_stale: Callable[[_Key], bool]) -> None:
-        """Forget the entries whose keys are stale."""
-        for generation in (self, self._older):
-            for key in [key for key in list(generation) if is_stale(key)]:
-                generation.pop(key, None)
+    def drop(self, keys: Iterable[_Key]) -> None:
+        """Forget some entries."""
+        for key in keys:
+            self.pop(key, None)
+            self._older.pop(key, None)
 
     def clear(self) -> None:
         """Forget everything."""

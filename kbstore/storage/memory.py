@@ -8,15 +8,15 @@ before, or if the last transaction that was seen has another token now.
 
 import threading
 from collections import defaultdict
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from typing import NamedTuple
 
 from kbstore.errors import StoreWentBack
 from kbstore.messages import KnowledgeType
 from kbstore.model.timelines import Role, Timeline
-from kbstore.storage.caches import LRU, TIMELINES
+from kbstore.storage.caches import LRU, OPEN_ROWS, TIMELINES
 from kbstore.storage.connection import LOG
-from kbstore.storage.records import Head
+from kbstore.storage.records import Head, StoredAssertion
 
 
 class Mark(NamedTuple):
@@ -37,6 +37,41 @@ class TimelineCache:
         """Remember a timeline that is committed."""
         self.by_id.put(timeline.id, timeline)
         self.by_key[timeline.role, timeline.kind].put(timeline.key, timeline)
+
+
+class OpenRows:
+    """The rows that a writer read or wrote lately and that are open, one on its timeline, as of one transaction.
+
+    A sensor replaces the same values again and again; what it would read each time is what it has just written. They
+    are of use to the writer who locks the head of that very transaction, and to no other.
+    """
+
+    def __init__(self, bound: int) -> None:
+        self._rows: LRU[int, StoredAssertion] = LRU(bound)
+        self._token = 0
+        self._lock = threading.Lock()
+
+    def of(self, token: int, ids: Iterable[int]) -> dict[int, StoredAssertion]:
+        """The rows that are known as of the transaction with a token, by timeline."""
+        with self._lock:
+            if token != self._token:
+                self._rows.clear()
+                self._token = token
+            return {id: row for id in ids if (row := self._rows.find(id)) is not None}
+
+    def put(self, token: int, rows: Mapping[int, StoredAssertion]) -> None:
+        """Remember rows that were read as of the transaction with a token."""
+        self.follow(token, token, (), rows)
+
+    def follow(self, before: int, token: int, gone: Iterable[int], rows: Mapping[int, StoredAssertion]) -> None:
+        """Go on from a transaction to one that followed it, and left these rows, and others on the timelines `gone`."""
+        with self._lock:
+            # another thread may have gone further: what it knows is as of its own transaction
+            if before == self._token:
+                self._token = token
+                self._rows.drop(gone)
+                for id, row in rows.items():
+                    self._rows.put(id, row)
 
 
 class Progress:
@@ -69,12 +104,14 @@ class StoreMemory:
 
     Attributes:
         timelines: those that have been read or written.
+        open_rows: the rows that a writer need not read.
         progress: how far the record has been seen.
     """
 
     def __init__(self, name: str = "", bound: int = TIMELINES) -> None:
         self.name = name
         self.timelines = TimelineCache(bound)
+        self.open_rows = OpenRows(min(bound, OPEN_ROWS))
         self._bound = bound
         self.progress = Progress()
         self.progress.forgetting.append(self._forget_timelines)

@@ -29,6 +29,8 @@ class Recorder:
         self._head = head
         self._number = head.number + 1
         self._now = now
+        self.opened: dict[int, StoredAssertion] = {}
+        """The new open rows of timelines that were there before."""
         self._revisions: list[tuple[Any, ...]] = []
         self._schedules: list[tuple[Any, ...]] = []
 
@@ -157,6 +159,8 @@ class Recorder:
         if start > now:
             row = (kb, seq, number, timeline.id, now, start, start, node(now, start), int(kind), is_derived)
             self._schedules.append(row)
+        elif end == OPEN and timeline.id <= self._head.timeline:
+            self.opened[timeline.id] = StoredAssertion(number, seq, start, end, None, None, value)
         return (kb, seq, number, timeline.id, start, end, level(start, end), *value)
 
     def _late_row(self, seq: int, new: LateAssertion) -> Sequence[Any]:

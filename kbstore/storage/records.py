@@ -202,6 +202,7 @@ class RowChanges:
 
     Attributes:
         timelines: those that are new; they get their numbers when they are stored.
+        touched: those that are stored, and on which something may change.
         mentions: which timeline of an object is mentioned by which timeline.
         ends: what ends now, and why.
         cancels: what was scheduled and will not take effect.
@@ -222,6 +223,7 @@ class RowChanges:
     """
 
     timelines: list[Timeline] = field(default_factory=list)
+    touched: list[Timeline] = field(default_factory=list)
     mentions: list[tuple[Timeline, Timeline]] = field(default_factory=list)
     ends: dict[KnowledgeType, list[tuple[StoredAssertion, EndCause]]] = field(default_factory=_by_kind)
     cancels: dict[KnowledgeType, list[StoredAssertion]] = field(default_factory=_by_kind)

@@ -60,6 +60,7 @@ class Repository:
         """How often the store had gone back when this was made; what is cached belongs to one generation."""
         self._positions: dict[LogPosition, dict[str, Any]] = {}
         self._head: Head | None = None
+        self._saved: tuple[RowChanges, dict[int, StoredAssertion], Head] | None = None
         self._read_ahead: dict[tuple[KnowledgeType, LogPosition], list[SqlRow]] = {}
 
     # -- the record -------------------------------------------------------------------------------------------
@@ -118,7 +119,20 @@ class Repository:
 
     def save(self, changes: RowChanges, head: Head, now: int, *, client: str, note: str) -> Head:
         """Record a transaction after `head`, which is locked; returns the new head."""
-        return Recorder(self._connection, self._kb, head, now).record(changes, client, note)
+        recorder = Recorder(self._connection, self._kb, head, now)
+        self._saved = changes, recorder.opened, recorder.record(changes, client, note)
+        return self._saved[2]
+
+    def committed(self) -> None:
+        """Remember the end of the log, and what has been saved; once it is committed."""
+        before = self.head()
+        if self._saved is None:
+            self._memory.acknowledge(before, ())
+            return
+        changes, opened, head = self._saved
+        self._memory.acknowledge(head, changes.timelines)
+        gone = (timeline.id for timeline in changes.touched if timeline.id not in opened)
+        self._memory.open_rows.follow(before.token, head.token, gone, opened)
 
     def save_derived(self, changes: RowChanges, head: Head) -> None:
         """Write only how numbers are to move ahead, in a copy that stands at `head`."""
@@ -386,13 +400,18 @@ class Repository:
 
     def rows_for_update(self, kind: KnowledgeType, ids: Sequence[int], t: int) -> dict[int, list[StoredAssertion]]:
         """For each timeline the latest row that begins no later than `t`, and those ahead of it, in order."""
-        parameters = {"kb": self._kb, "ids": self._connection.array(ids), "t": t}
-        found: dict[int, list[StoredAssertion]] = defaultdict(list)
-        for row in self._connection.all(for_kind[kind].live, parameters):
-            found[row[0]].append(StoredAssertion(row[1], row[2], row[3], row[4], row[5], row[6], row[7:]))
-        for rows in found.values():
-            rows.sort(key=lambda stored: stored.initial_time)
-        return found
+        token, open_rows = self.head().token, self._memory.open_rows
+        known = open_rows.of(token, ids)
+        missing = [id for id in ids if id not in known]
+        read: dict[int, list[StoredAssertion]] = defaultdict(list)
+        if missing:
+            parameters = {"kb": self._kb, "ids": self._connection.array(missing), "t": t}
+            for row in self._connection.all(for_kind[kind].live, parameters):
+                read[row[0]].append(StoredAssertion._make((*row[1:7], row[7:])))
+            for rows in read.values():
+                rows.sort(key=lambda stored: stored.initial_time)
+            open_rows.put(token, {id: rows[0] for id, rows in read.items() if rows[0].end_time == OPEN})
+        return {id: [row] for id, row in known.items()} | read
 
     def scheduled_objects(self, t: int) -> set[int]:
         """The INSTANCE timelines on which something lies ahead of `t`."""

@@ -11,18 +11,20 @@ from itertools import chain
 from kbstore.clock import OPEN
 from kbstore.messages import Condition, Fact, Function, Instance, KnowledgeItem, KnowledgeType
 from kbstore.model.formulas import Atom
-from kbstore.model.timelines import EndCause, Identity, Role, Timeline, Value, number_at
+from kbstore.model.timelines import EndCause, Identity, Role, Timeline, Value
 from kbstore.names import key
 from kbstore.planning.simulator import Event
-from kbstore.storage.records import StateRow, StoredAssertion
+from kbstore.storage.records import StateRow
 from kbstore.storage.repository import Repository
 from kbstore.writing.lifespans import Lifespan, lifespans_of, lost_time
 from kbstore.writing.past import Past
-from kbstore.writing.timeline_state import Copy, TimelineState
+from kbstore.writing.timeline_state import Copy, TimelineState, value_now
 
 Mentions = Callable[[Timeline, Value], Sequence[str]]
 
 _Group = tuple[Role, KnowledgeType]
+
+_ATOMS = (Fact, Function)
 
 
 class ChangeSet:
@@ -89,21 +91,21 @@ class ChangeSet:
 
     def prefetch(self, role: Role, items: Iterable[KnowledgeItem | Condition]) -> None:
         """Load at once the timelines that items will touch, as far as they are known beforehand."""
-        atoms: dict[KnowledgeType, dict[str, tuple[str, ...]]] = defaultdict(dict)
+        atoms: dict[KnowledgeType, dict[str, Fact | Function]] = defaultdict(dict)
         objects: set[str] = set()
         for item in items:
-            if isinstance(item, Fact | Function):
-                atoms[item.knowledge_type][" ".join(item.key)] = item.key
+            if isinstance(item, _ATOMS):
+                atoms[item.knowledge_type][item.timeline_key] = item
             elif isinstance(item, Instance):
                 objects.add(key(item.instance_name))
-        for kind, keys in atoms.items():
-            self.load(role, kind, keys)
+        for kind, found in atoms.items():
+            self.load(role, kind, found)
             states = self.group(role, kind)
-            for name, words in keys.items():
+            for name, atom in found.items():
                 state = states.get(name)
                 # what holds mentions only objects that exist
                 if state is None or state.value is None:
-                    objects.update(words[1:])
+                    objects.update(atom.key[1:])
         self.load(Role.STATE, KnowledgeType.INSTANCE, objects)
 
     def object(self, name: str) -> TimelineState | None:
@@ -179,7 +181,7 @@ class ChangeSet:
         """Return whether a function has been set in this transaction, also to the same value."""
         state = self._groups[Role.STATE, KnowledgeType.FUNCTION].get(" ".join((function.name, *function.arguments)))
         base = None if state is None else state.base(self.now)
-        return state is not None and (base is None or state.value != self.value_now(state, base))
+        return state is not None and (base is None or state.value != value_now(KnowledgeType.FUNCTION, base, self.now))
 
     def follow(self, events: Iterable[Event]) -> None:
         """Take over how numbers move by what runs (rule O5): now, and from later times on as derived assertions."""
@@ -262,15 +264,9 @@ class ChangeSet:
             elif state.is_edited:
                 piece = self.past.pieces(state)[-1]
                 rows[identity] = (state.timeline, piece.start, piece.value)
-            elif base is None or state.value != self.value_now(state, base):
+            elif base is None or state.value != value_now(state.timeline.kind, base, self.now):
                 rows[identity] = (state.timeline, self.now, state.value)
             for t in state.stored_ahead.keys() - state.ahead.keys():
                 pending.pop((identity, t), None)
             for t, value in state.ahead.items():
                 pending[identity, t] = (state.timeline, t, value)
-
-    def value_now(self, track: TimelineState, base: StoredAssertion) -> Value:
-        """Return the value that a stored row has come to by now: a number may move."""
-        if track.timeline.kind is not KnowledgeType.FUNCTION:
-            return base.value
-        return (False, number_at(base.value, base.initial_time, self.now), *base.value[2:])

@@ -14,7 +14,7 @@ from kbstore.storage.records import LateAssertion, RowChanges, StoredAssertion
 from kbstore.storage.repository import Repository
 from kbstore.writing.change_set import ChangeSet
 from kbstore.writing.lifespans import Lifespan
-from kbstore.writing.timeline_state import TimelineState
+from kbstore.writing.timeline_state import TimelineState, value_now
 
 Line = list[tuple[int, Value | None, StoredAssertion | None, bool]]
 """The values of a timeline from now on: initial time, value, the stored row, whether it is derived."""
@@ -78,15 +78,12 @@ class Flush:
 
     def _finish_track(self, track: TimelineState, ends: dict[str, list[int]]) -> None:
         writes = self._writes
-        if track.is_edited:
-            line, changed = self._edited(track)
-        elif track.base(self._now) is None and track.value is None and not track.ahead and not track.stored_ahead:
-            # what is derived follows from one of these
-            return
-        else:
-            line, changed = self._standing(track)
-        changed |= self._schedule(track, line)
         kind = track.timeline.kind
+        line, changed = self._edited(track) if track.is_edited else self._standing(track)
+        is_touched = False
+        if track.has_schedule:
+            is_touched = True
+            changed |= self._schedule(track, line)
         for index, (start, entry, stored, is_derived) in enumerate(line):
             if entry is None:
                 if stored is not None:
@@ -110,14 +107,17 @@ class Flush:
                 else:
                     writes.adds[kind].append((track.timeline, start, end, entry))
             elif stored.end_time != end:
+                is_touched = True
                 writes.settles[kind].append((stored, end))
         writes.changes += changed
+        if is_touched or changed:
+            writes.touched.append(track.timeline)
 
     def _standing(self, track: TimelineState) -> tuple[Line, bool]:
         """Return what holds now on a timeline, and whether that has changed."""
         writes = self._writes
         base = track.base(self._now)
-        if base is not None and track.value == self._set.value_now(track, base):
+        if base is not None and track.value == value_now(track.timeline.kind, base, self._now):
             return [(base.initial_time, base.value, base, False)], False
         if base is not None:
             cause = track.cause if track.value is None else EndCause.REPLACED

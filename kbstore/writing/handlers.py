@@ -65,6 +65,7 @@ class Handlers:
         self._objects = ObjectHandlers(change_set, repository, self.resolver, on_removed_object)
         self._now = change_set.now
         self._put = change_set.put
+        self._derived = frozenset() if symbols.domain is None else symbols.domain.rules.keys()
 
     # -- adding -----------------------------------------------------------------------------------------------
 
@@ -72,7 +73,7 @@ class Handlers:
         """Add an item to the state, from `t` on."""
         match item:
             case Fact():
-                return self._add_fact(item, t)
+                return self._put_fact(item, Role.STATE, t)
             case Function():
                 return self._add_function(item, t)
             case Instance():
@@ -124,13 +125,9 @@ class Handlers:
             self._put(state, (False, item.optimization, text), t)
         return violations
 
-    def _add_fact(self, item: Fact, t: int) -> Violations:
-        domain = self._symbols.domain
-        if domain is not None and domain.is_derived(item.attribute_name):
-            return [f"{item}: {item.attribute_name} is derived by the domain's rules; add what it is derived from"]
-        return self._put_fact(item, Role.STATE, t)
-
     def _put_fact(self, item: Fact, role: Role, t: int) -> Violations:
+        if item.key[0] in self._derived and role is Role.STATE:
+            return [f"{item}: {item.attribute_name} is derived by the domain's rules; add what it is derived from"]
         state = self.resolver.atom(item, KnowledgeType.FACT, role, t)
         if not isinstance(state, TimelineState):
             return state

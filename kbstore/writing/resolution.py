@@ -133,18 +133,17 @@ class NameResolver:
 
     def _usual(self, item: Fact | Function, kind: KnowledgeType, role: Role) -> TimelineState | None:
         """The timeline in the usual case, where nothing is wrong: the hot path of bulk work. None in any other."""
+        state = self._change_set.group(role, kind).get(item.timeline_key)
+        stands = state is not None and state.value is not None
+        is_labelled = any(item.labels)
+        if stands and not is_labelled:
+            # what holds fits its declaration, and mentions only objects that exist
+            return state
         keys = item.key
-        form = self._forms.get((kind, keys[0]))
-        if form is None:
-            form = self._form(kind, item.attribute_name)
-            if form is None:
-                return None
-        if len(keys) != len(form.allowed) + 1 or not (item.labels == form.labels or not any(item.labels)):
+        form = self._forms.get((kind, keys[0])) or self._form(kind, item.attribute_name)
+        if form is None or len(keys) != len(form.allowed) + 1 or (is_labelled and item.labels != form.labels):
             return None
-        name = " ".join(keys)
-        state = self._change_set.group(role, kind).get(name)
-        if state is not None and state.value is not None:
-            # what holds mentions only objects that exist
+        if stands:
             return state
         if self._objects_seen != self._change_set.objects_changed:
             self._objects_seen = self._change_set.objects_changed
@@ -161,7 +160,7 @@ class NameResolver:
             if seen[0] not in allowed:
                 return None
             spelling += f" {seen[1]}"
-        return state or self._change_set.state(Identity(role, kind, name), spelling)
+        return state or self._change_set.state(Identity(role, kind, item.timeline_key), spelling)
 
     def _form(self, kind: KnowledgeType, name: str) -> "_Form | None":
         """Return the domain's declaration of a symbol; None without a domain, or where it does not know the symbol."""

@@ -43,22 +43,22 @@ class TimelineState:
         self.stored_ahead: dict[int, StoredAssertion] = {}
         self.stored_derived: dict[int, StoredAssertion] = {}
         """Rows ahead of a function that moves at another rate from then on, by what runs (rule O5)."""
+        self.ahead: dict[int, Value] = {}
+        """The scheduled values, by time."""
+        self.derived: dict[int, Value | None] = {}
+        """The values derived for later times from the schedule and runs; None where nothing holds from then on."""
         for row in rows:
             if row.initial_time <= now:
                 self.latest = row
             elif row.is_derived:
                 self.stored_derived[row.initial_time] = row
+                self.derived[row.initial_time] = row.value
             else:
                 self.stored_ahead[row.initial_time] = row
+                self.ahead[row.initial_time] = row.value
         base = self.base(now)
-        self.value: Value | None = None if base is None else base.value
+        self.value = None if base is None else value_now(timeline.kind, base, now)
         """The value that holds now; of a function, with its number at now."""
-        if base is not None and timeline.kind is KnowledgeType.FUNCTION:
-            self.value = (False, number_at(base.value, base.initial_time, now), *base.value[2:])
-        self.ahead: dict[int, Value] = {t: row.value for t, row in self.stored_ahead.items()}
-        """The scheduled values, by time."""
-        self.derived: dict[int, Value | None] = {t: row.value for t, row in self.stored_derived.items()}
-        """The values derived for later times from the schedule and runs; None where nothing holds from then on."""
         self.cause = EndCause.REPLACED
         """The cause of the end of what held at first."""
         self.past: KnownPast | None = None
@@ -75,6 +75,11 @@ class TimelineState:
         return self.value is None and (noted or self.base(now) is not None)
 
     @property
+    def has_schedule(self) -> bool:
+        """Whether something lies ahead, or did before the transaction."""
+        return bool(self.ahead or self.derived or self.stored_ahead or self.stored_derived)
+
+    @property
     def is_edited(self) -> bool:
         """Whether late knowledge has changed what is known of the past."""
         return self.past is not None and self.past.is_edited
@@ -89,6 +94,14 @@ class TimelineState:
     def restore(self, copy: "Copy") -> None:
         """Take back what was done since the copy."""
         self.value, self.ahead, self.cause, self.past = copy
+
+
+def value_now(kind: KnowledgeType, row: StoredAssertion, now: int) -> Value:
+    """Return the value that a stored row has come to by now: a number may move."""
+    value = row.value
+    if kind is not KnowledgeType.FUNCTION or not value[3]:
+        return value
+    return (False, number_at(value, row.initial_time, now), *value[2:])
 
 
 Copy = tuple[Value | None, dict[int, Value], EndCause, KnownPast | None]

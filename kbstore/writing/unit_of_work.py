@@ -25,7 +25,7 @@ from kbstore.reading.mentions import mentions
 from kbstore.reading.questions import Knowledge, Question
 from kbstore.reading.reader import Reader
 from kbstore.reading.state import State
-from kbstore.storage.records import DomainRow, Head, LogPosition, SymbolRow
+from kbstore.storage.records import DomainRow, LogPosition, SymbolRow
 from kbstore.storage.repository import Repository
 from kbstore.writing.action_executor import ActionExecutor, applicability
 from kbstore.writing.change_set import ChangeSet
@@ -126,8 +126,8 @@ class OpenTransaction:
             return
         # an error in storing rolls back, like one in the block
         with self._contexts, gc_paused():
-            self.result, head, new_timelines = self._store()
-        self._reader.memory.acknowledge(head, new_timelines)
+            self.result = self._store()
+        self._repository.committed()
 
     def _open_handlers(self) -> Handlers:
         """The handlers, inside the block only: updates before or after it would be lost in silence."""
@@ -137,8 +137,8 @@ class OpenTransaction:
 
     # -- storing ----------------------------------------------------------------------------------------------
 
-    def _store(self) -> tuple[Transaction, Head, Sequence[Timeline]]:
-        """Write the changes, if there are any (rule C1). Returns the transaction, the head and the new timelines."""
+    def _store(self) -> Transaction:
+        """Write the changes, if there are any (rule C1)."""
         if not self._is_whole:
             raise InvalidKnowledge("a load has failed half-way in this transaction; nothing of it has been stored")
         if self._reader.use_unknowns:
@@ -151,7 +151,7 @@ class OpenTransaction:
             writes.domain = DomainRow(domain.name, domain.source, json.dumps(sorted(domain.sensed)))
         writes.changes += (writes.domain is not None) + self._executor.changes
         if not writes.changes:
-            return Transaction(self._head.number, self.now, self._client, self._note, 0), self._head, ()
+            return Transaction(self._head.number, self.now, self._client, self._note, 0)
         writes.symbols = [
             SymbolRow(int(kind), name_key, shape.name, shape.arity, " ".join(shape.labels or ()))
             for (kind, name_key), shape in self._symbols.shapes.items()
@@ -163,7 +163,7 @@ class OpenTransaction:
             if not self._repository.find(Role.LOAD, KnowledgeType.EXPRESSION, [digest])
         ]
         head = self._repository.save(writes, self._head, self.now, client=self._client, note=self._note)
-        return Transaction(head.number, self.now, self._client, self._note, writes.changes), head, writes.timelines
+        return Transaction(head.number, self.now, self._client, self._note, writes.changes)
 
     def _apply(self, steps: Iterable[Step]) -> None:
         """Take steps one after another, or none of them; report all violations together (rule D1)."""
@@ -274,8 +274,7 @@ class OpenTransaction:
         """Read everything that is given, and let a handler take it, all or nothing."""
         batch = Batch(self.now, _time(initial_time, self.now))
         with gc_paused():
-            for knowledge in given:
-                batch.read(role, read, handler, knowledge, symbols)
+            batch.read(role, read, handler, given, symbols)
             self._apply_batch(batch)
 
     def update(
@@ -338,8 +337,7 @@ class OpenTransaction:
         handlers = self._open_handlers()
         batch = Batch(self.now)
         with gc_paused():
-            for item in items:
-                batch.read(Role.STATE, items_in, handlers.assert_now, item, self._symbols)
+            batch.read(Role.STATE, items_in, handlers.assert_now, items, self._symbols)
             given = list(batch.items[Role.STATE])
             batch.steps.insert(0, lambda: handlers.remove_others(given))
             self._apply_batch(batch)

@@ -1,7 +1,7 @@
 """Updates as given by a caller, read into steps that a transaction takes one after another."""
 
 from collections import defaultdict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from typing import Any, TypeVar
 
@@ -47,34 +47,36 @@ class Batch:
         role: Role,
         items: Sequence[Item],
         handler: Callable[[Item, int], Violations],
-        *,
-        times: Sequence[int] = (),
         place: Callable[[int], str] | None = None,
     ) -> None:
         """Let a handler take items, each at its time; a time that is not after now is now (rule T4).
 
-        `times` counts instead of the items' own; `place` says where in a file an item is, for its violations.
+        `place` says where in a file an item is, for its violations.
         """
         self.items[role] += items
-        for index, item in enumerate(items):
-            t = times[index] if times else item.initial_time or self._initial_time
-            step = partial(handler, item, max(t, self._now))
-            self.steps.append(step if place is None else partial(_placed, step, place, index))
+        now, initial_time = self._now, self._initial_time
+        steps: Iterable[Step] = [partial(handler, item, max(item.initial_time or initial_time, now)) for item in items]
+        if place is not None:
+            steps = [partial(_placed, step, place, index) for index, step in enumerate(steps)]
+        self.steps += steps
 
     def read(
         self,
         role: Role,
         read: Callable[[Knowledge, SymbolTable], Sequence[Item]],
         handler: Callable[[Item, int], Violations],
-        given: Knowledge,
+        given: Iterable[Knowledge],
         symbols: SymbolTable,
     ) -> None:
         """The same for what a caller gave, once it is read; what cannot be read fails in its turn."""
-        try:
-            items = read(given, symbols)
-        except KbStoreError as error:
-            self.steps.append(partial(_fail, given, error))
-            return
+        items: list[Item] = []
+        for knowledge in given:
+            try:
+                items += read(knowledge, symbols)
+            except KbStoreError as error:
+                self.add(role, items, handler)
+                items = []
+                self.steps.append(partial(_fail, knowledge, error))
         self.add(role, items, handler)
 
     def read_update(self, update: object, handlers: Handlers | LateHandlers, symbols: SymbolTable) -> None:
@@ -86,17 +88,17 @@ class Batch:
             return
         match kind:
             case UpdateType.ADD_KNOWLEDGE:
-                self.read(Role.STATE, items_in, handlers.add, given, symbols)
+                self.read(Role.STATE, items_in, handlers.add, [given], symbols)
             case UpdateType.REMOVE_KNOWLEDGE:
-                self.read(Role.STATE, items_in, handlers.remove, given, symbols)
+                self.read(Role.STATE, items_in, handlers.remove, [given], symbols)
             case UpdateType.ADD_GOAL:
-                self.read(Role.GOAL, goals_in, handlers.add_goal, given, symbols)
+                self.read(Role.GOAL, goals_in, handlers.add_goal, [given], symbols)
             case UpdateType.REMOVE_GOAL:
-                self.read(Role.GOAL, goals_in, handlers.remove_goal, given, symbols)
+                self.read(Role.GOAL, goals_in, handlers.remove_goal, [given], symbols)
             case UpdateType.ADD_METRIC:
-                self.read(Role.STATE, items_in, handlers.add_metric, given, symbols)
+                self.read(Role.STATE, items_in, handlers.add_metric, [given], symbols)
             case UpdateType.REMOVE_METRIC:
-                self.read(Role.STATE, items_in, handlers.remove_metric, given, symbols)
+                self.read(Role.STATE, items_in, handlers.remove_metric, [given], symbols)
 
 
 def _fail(given: object, error: KbStoreError) -> Violations:
@@ -152,11 +154,11 @@ def problem_batch(problem: Problem, handlers: Handlers, now: int) -> Batch:
     def place(part: str) -> Callable[[int], str]:
         return lambda index: _place(problem, part, index)
 
-    batch.add(Role.STATE, problem.instances, handlers.add, place=place("instances"))
-    batch.add(Role.STATE, problem.init, handlers.add, place=place("init"))
-    times = [now + offset for offset, _ in problem.timed]
-    batch.add(Role.STATE, [item for _, item in problem.timed], handlers.add, times=times, place=place("timed"))
-    batch.add(Role.GOAL, problem.goals, handlers.add_goal, place=place("goals"))
+    batch.add(Role.STATE, problem.instances, handlers.add, place("instances"))
+    batch.add(Role.STATE, problem.init, handlers.add, place("init"))
+    timed = [item.changed(initial_time=now + offset) for offset, item in problem.timed]
+    batch.add(Role.STATE, timed, handlers.add, place("timed"))
+    batch.add(Role.GOAL, problem.goals, handlers.add_goal, place("goals"))
     if problem.metric is not None:
         batch.add(Role.STATE, [problem.metric], handlers.add_metric)
     batch.steps += [partial(handlers.add_constraint, text) for text in (*problem.constraints, *problem.uncertain)]
