@@ -32,13 +32,14 @@ Pieces = Sequence[tuple[int, int, Number]]
 def at_moment(comparison: Comparison, world: Interpretation, bindings: Bindings, duration: float | None) -> Truth:
     """Return the truth of a comparison in a world; `duration`, in seconds, is the value of ``?duration``."""
     numbers: dict[Atom, Number] = {}
-    ground_comparison = _grounded(comparison, bindings)
-    for function in _functions(ground_comparison):
-        found = world.number(function.name, function.arguments)
-        if found is None:
-            return Truth.UNKNOWN
-        numbers[function] = found
-    return _decided(ground_comparison, numbers, world.time, duration)
+    for token in (*comparison.left, *comparison.right):
+        if isinstance(token, Atom) and token not in numbers:
+            function = ground(token, bindings)
+            found = world.number(function.name, function.arguments)
+            if found is None:
+                return Truth.UNKNOWN
+            numbers[token] = found
+    return _decided(comparison, numbers, world.time, duration)
 
 
 def over_span(

@@ -1,8 +1,9 @@
 """Answers to single questions: remembered, or read from one timeline, or evaluated on the state.
 
-An answer about now is remembered for the connection that gave it, until somebody commits or the clock reaches the time
-at which one of the parts of the question changes. Otherwise a question that one timeline decides takes one statement,
-and any other is evaluated on as much of the state as it reads (`kbstore.reading.lazy_state`).
+An answer about now is remembered for the connection that gave it, until somebody commits to the knowledge base or the
+clock reaches the time at which one of the parts of the question changes; where numbers that move decide it, what it was
+computed from is remembered. Otherwise a question that one timeline decides takes one statement, and any other is
+evaluated on as much of the state as it reads (`kbstore.reading.lazy_state`).
 """
 
 from collections.abc import Callable, Sequence
@@ -18,7 +19,7 @@ from kbstore.model.domain import Domain
 from kbstore.model.results import AsOf, QueryResult
 from kbstore.model.symbols import SymbolTable
 from kbstore.model.timelines import Role
-from kbstore.reading.lazy_state import LazyState
+from kbstore.reading.lazy_state import LazyState, NotRead, Premises
 from kbstore.reading.prepared import PreparedCondition, PreparedExpression, question_key
 from kbstore.reading.questions import Question
 from kbstore.reading.reader import Reader
@@ -28,11 +29,36 @@ from kbstore.storage.repository import Repository
 
 _Prepared = PreparedCondition | PreparedExpression
 
-_Answer = Truth | float | Number
-"""A truth value, a constant number, or one that moves."""
+_Answer = Truth | float
 
-_Found = tuple[int, int, _Answer]
-"""An answer, and the span of time in which it is right if nobody commits: ``since <= t < until``."""
+_Found = tuple[int, int, "_Answer | Number | _Moving"]
+"""An answer, or what it is computed from, and the span of time in which that is right if nobody commits.
+
+That is ``since <= t < until``.
+"""
+
+
+class _Moving(NamedTuple):
+    """What the answer to a question is computed from where numbers that move decide it.
+
+    Attributes:
+        prepared: the question.
+        premises: what it reads.
+        answer: what it was.
+    """
+
+    prepared: _Prepared
+    premises: Premises
+    answer: _Answer
+
+    def at(self, t: int) -> _Answer | None:
+        """The answer at a time in nanoseconds; None where that needs more than has been read, or checked."""
+        try:
+            answer = self.prepared.evaluate(self.premises.later(t))
+        except (NotRead, KbStoreError):
+            return None
+        # whether a question can be meant has been checked where the answer depends on it (rule V10)
+        return answer if answer == self.answer or not _needs_check(self.prepared, answer) else None
 
 
 class _Form(NamedTuple):
@@ -41,6 +67,9 @@ class _Form(NamedTuple):
     prepared: LRU[Any, Any]
     prepare: Callable[[Question, SymbolTable], _Prepared]
     remembered: str
+
+
+_COMPUTED = (Number, _Moving)
 
 
 class Answers:
@@ -81,12 +110,14 @@ class Answers:
             answers = None
             if self._remembers and at is None and as_of is None and not connection.in_transaction:
                 # None where nothing may be remembered just now
-                answers = getattr(connection.memory(), form.remembered, None)
+                answers = getattr(connection.memory(self._reader.kb), form.remembered, None)
                 known: _Found | None = None if answers is None else answers.get(name)
                 if known is not None:
                     since, until, answer = known
                     if since <= (now := self._clock.now()) < until:
-                        return answer.at(now) if type(answer) is Number else answer  # type: ignore[return-value]
+                        remembered = answer.at(now) if isinstance(answer, _COMPUTED) else answer
+                        if remembered is not None:
+                            return remembered
             found = None
             if as_of is None and not isinstance(at, str):
                 # before what is prepared is looked up: what is prepared is as old as what had been seen, or newer
@@ -100,6 +131,8 @@ class Answers:
             since, until, answer = found
             if answers is not None and name is not None and since < until:
                 answers.put(name, found)
+            if type(answer) is _Moving:
+                return answer.answer
             return answer.at(since) if type(answer) is Number else answer  # type: ignore[return-value]
         finally:
             self._database.checkin(connection)
@@ -131,7 +164,7 @@ class Answers:
             return None
         if value is None and not self._is_plausible(prepared, repository, token, version.domain):
             return None
-        answer: _Answer
+        answer: _Answer | Number
         if type(prepared) is PreparedCondition:
             answer = prepared.if_absent if value is None else prepared.if_denied if value[0] else prepared.if_asserted
         elif value is None:
@@ -151,9 +184,16 @@ class Answers:
             point = self._resolver.resolve(repository, at, as_of)
             symbols = reader.symbols_at(repository, point)
             world = reader.world(repository, point, symbols.domain)
-            answer = self._evaluate(form.prepare(question, symbols), repository, world, point.head.token)
-            until = world.until if look_ahead and isinstance(world, LazyState) else point.valid_time
-            return point.valid_time, until, answer
+            prepared = form.prepare(question, symbols)
+            answer = self._evaluate(prepared, repository, world, point.head.token)
+            if not look_ahead or not isinstance(world, LazyState):
+                return point.valid_time, point.valid_time, answer
+            if not world.is_moving:
+                return point.valid_time, world.until, answer
+            premises = world.premises
+            if premises is None:
+                return point.valid_time, point.valid_time, answer
+            return point.valid_time, world.until, _Moving(prepared, premises, answer)
 
     def query(self, items: Sequence[Question], at: TimeLike | None = None) -> QueryResult:
         """Return whether each of several items is true at a time, on one snapshot of the store."""
@@ -175,7 +215,7 @@ class Answers:
         except KbStoreError:
             self._check(prepared, repository, world, token)
             raise
-        if not prepared.proves_types or answer in (Truth.FALSE, Truth.UNKNOWN):
+        if _needs_check(prepared, answer):
             self._check(prepared, repository, world, token)
         return answer
 
@@ -188,10 +228,17 @@ class Answers:
     def _is_plausible(prepared: _Prepared, repository: Repository, token: int, domain: Domain | None) -> bool:
         """Return whether no object in a question has ever been of a type that its parameter excludes (rule V10).
 
-        Looked up once for each transaction, and only where an answer depends on it: what holds fits.
+        Looked up once, and again when an object has been recorded; only where an answer depends on it: what holds fits.
         """
-        if not prepared.named or prepared.plausible_at == token:
+        if not prepared.named:
             return True
+        generation, number, known = prepared.plausible
+        if generation == repository.generation and (
+            known == token or (known and not repository.has_objects_since(number))
+        ):
+            prepared.plausible = generation, number, token
+            return True
+        number = repository.head().number
         timelines = repository.find(Role.STATE, KnowledgeType.INSTANCE, [use.name for use in prepared.named])
         if timelines:
             types: dict[str, set[str]] = {}
@@ -200,5 +247,10 @@ class Answers:
             for use in prepared.named:
                 if domain is None or not all(domain.is_subtype(name, use.types) for name in types.get(use.name, ())):
                     return False
-        prepared.plausible_at = token
+        prepared.plausible = repository.generation, number, token
         return True
+
+
+def _needs_check(prepared: _Prepared, answer: _Answer) -> bool:
+    """Return whether an answer is right only for a question that can be meant (rule V10)."""
+    return not prepared.proves_types or answer in (Truth.FALSE, Truth.UNKNOWN)

@@ -18,34 +18,95 @@ _FEW = 4
 """The most timelines on which nothing holds that are watched one by one; beyond it, any change counts."""
 
 
-class LazyState:
-    """An interpretation on an open repository: it reads single timelines, or what a pattern binds, or a predicate."""
+class NotRead(Exception):
+    """A question needs more of a state than has been read of it."""
 
-    def __init__(self, repository: Repository, time: int, domain: Domain | None, *, use_unknowns: bool) -> None:
+
+Rows = dict[tuple[KnowledgeType, str], StateRow | None]
+"""What holds on some timelines, by knowledge type and key; None where nothing does."""
+
+
+class Premises:
+    """An interpretation of what holds on some timelines. Raises `NotRead` where a question needs more."""
+
+    def __init__(self, rows: Rows, time: int, domain: Domain | None, *, use_unknowns: bool) -> None:
         self.time = time
         self.domain = domain
         self.use_unknowns = use_unknowns
-        self._repository = repository
-        self._rows: dict[tuple[KnowledgeType, str], StateRow | None] = {}
-        self._objects: Snapshot | None = None
-        self._ends = OPEN
-        self._absent: list[Timeline] = []
-        self._has_ranges = False
-        self._has_moving = False
+        self._rows = rows
 
-    @property
-    def until(self) -> int:
-        """The time at which the clock may change what has been read; `time` itself where a number that moves was."""
-        if self._has_moving:
-            return self.time
-        if self._has_ranges or len(self._absent) > _FEW:
-            return min(self._ends, self._repository.next_due(self.time))
-        return min(self._ends, *(self._repository.next_start(line, self.time) for line in self._absent), OPEN)
+    def later(self, time: int) -> "Premises":
+        """The same at a later time, at which the same assertions hold."""
+        return Premises(self._rows, time, self.domain, use_unknowns=self.use_unknowns)
+
+    def row(self, kind: KnowledgeType, name: str) -> StateRow | None:
+        """The assertion that holds on one timeline of the state."""
+        if (kind, name) not in self._rows:
+            self._rows[kind, name] = self._point(kind, name)
+        return self._rows[kind, name]
+
+    def _point(self, kind: KnowledgeType, name: str) -> StateRow | None:
+        raise NotRead
 
     def sign(self, name: str, arguments: Arguments) -> bool | None:
         """True where the fact is asserted, False where it is explicitly false, None where neither is."""
         row = self.row(KnowledgeType.FACT, atom_key((name, *arguments)))
         return None if row is None else not row[2][0]
+
+    def number(self, name: str, arguments: Arguments) -> Number | None:
+        """The value of a numeric function, None where it is undefined."""
+        row = self.row(KnowledgeType.FUNCTION, atom_key((name, *arguments)))
+        return None if row is None else Number(row[2][1], row[2][3], row[1])
+
+    def type_of(self, name: str) -> str | None:
+        """The type of an object or constant, None where it does not exist."""
+        constant = None if self.domain is None else self.domain.constant_types.get(name)
+        if constant is not None:
+            return constant
+        row = self.row(KnowledgeType.INSTANCE, name)
+        return None if row is None or row[2][0] else key(row[2][1])
+
+    def facts(self, name: str) -> Iterable[tuple[Arguments, bool]]:
+        """The facts of a predicate, of both signs, each with its sign."""
+        raise NotRead
+
+    def defined(self, name: str) -> Iterable[Arguments]:
+        """The arguments for which a numeric function is defined."""
+        raise NotRead
+
+    def objects(self, types: Iterable[str]) -> Collection[str]:
+        """The objects that exist and are of one of the types or their subtypes, constants included."""
+        raise NotRead
+
+
+class LazyState(Premises):
+    """An interpretation on an open repository: it reads single timelines, or what a pattern binds, or a predicate."""
+
+    def __init__(self, repository: Repository, time: int, domain: Domain | None, *, use_unknowns: bool) -> None:
+        super().__init__({}, time, domain, use_unknowns=use_unknowns)
+        self._repository = repository
+        self._objects: Snapshot | None = None
+        self._ends = OPEN
+        self._absent: list[Timeline] = []
+        self._has_ranges = False
+
+    @property
+    def is_moving(self) -> bool:
+        """Whether a number that moves has been read."""
+        read = self._rows.items()
+        return any(row is not None and row[2][3] for (kind, _), row in read if kind is KnowledgeType.FUNCTION)
+
+    @property
+    def premises(self) -> Premises | None:
+        """What has been read; None where that was more than single timelines."""
+        return None if self._has_ranges else self.later(self.time)
+
+    @property
+    def until(self) -> int:
+        """The time at which the clock may change what has been read, numbers that move aside."""
+        if self._has_ranges or len(self._absent) > _FEW:
+            return min(self._ends, self._repository.next_due(self.time))
+        return min(self._ends, *(self._repository.next_start(line, self.time) for line in self._absent), OPEN)
 
     def facts(self, name: str) -> Iterable[tuple[Arguments, bool]]:
         """The facts of a predicate, of both signs, each with its sign."""
@@ -53,6 +114,7 @@ class LazyState:
 
     def defined(self, name: str) -> Iterable[Arguments]:
         """The arguments for which a numeric function is defined."""
+        self._has_ranges = True
         rows = self._repository.holding(Role.STATE, KnowledgeType.FUNCTION, self.time, name)
         return [timeline.keys[1:] for timeline, _, _ in rows]
 
@@ -87,14 +149,6 @@ class LazyState:
             found.append((row[0].keys[1:], not row[2][0]))
         return found
 
-    def number(self, name: str, arguments: Arguments) -> Number | None:
-        """The value of a numeric function, None where it is undefined."""
-        row = self.row(KnowledgeType.FUNCTION, atom_key((name, *arguments)))
-        if row is None:
-            return None
-        self._has_moving |= bool(row[2][3])
-        return Number(row[2][1], row[2][3], row[1])
-
     def objects(self, types: Iterable[str]) -> Collection[str]:
         """The objects that exist and are of one of the types or their subtypes, constants included."""
         if self._objects is None:
@@ -103,23 +157,9 @@ class LazyState:
             self._has_ranges = True
         return self._objects.objects(types)
 
-    def type_of(self, name: str) -> str | None:
-        """The type of an object or constant, None where it does not exist."""
-        constant = None if self.domain is None else self.domain.constant_types.get(name)
-        if constant is not None:
-            return constant
-        row = self.row(KnowledgeType.INSTANCE, name)
-        return None if row is None or row[2][0] else key(row[2][1])
-
-    def row(self, kind: KnowledgeType, name: str) -> StateRow | None:
-        """The assertion that holds on one timeline of the state."""
+    def _point(self, kind: KnowledgeType, name: str) -> StateRow | None:
         if kind is KnowledgeType.INSTANCE and self._objects is not None:
             return self._objects.row(kind, name)
-        if (kind, name) not in self._rows:
-            self._rows[kind, name] = self._point(kind, name)
-        return self._rows[kind, name]
-
-    def _point(self, kind: KnowledgeType, name: str) -> StateRow | None:
         timeline = self._repository.find(Role.STATE, kind, [name]).get(name)
         if timeline is None:
             return None

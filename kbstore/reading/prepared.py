@@ -37,7 +37,8 @@ class PreparedCondition:
         timeline: that timeline, once it has been found.
         if_asserted, if_denied, if_absent: the truth where it asserts something, explicitly denies it, says nothing.
         named: the objects whose types decide whether it can be meant (rule V10).
-        plausible_at: the token of the transaction after which none of these had ever been of a wrong type.
+        plausible: the generation of the store, the number of a transaction after which none of these had ever been of a
+            wrong type, and the token of the last one after which that was still so; 0 where it is not known.
         proves_types: whether they are of the right types where it is true: each of its atoms is true then.
     """
 
@@ -49,7 +50,7 @@ class PreparedCondition:
         "key",
         "kind",
         "named",
-        "plausible_at",
+        "plausible",
         "proves_types",
         "timeline",
     )
@@ -57,7 +58,7 @@ class PreparedCondition:
     def __init__(self, formula: Formula, domain: Domain | None, *, use_unknowns: bool) -> None:
         self.formula = formula
         self.named = named_arguments(formula, domain)
-        self.plausible_at = -1
+        self.plausible = 0, 0, 0
         self.proves_types = not any(isinstance(node, Not | Or | Imply | Forall) for node, _, _ in walk(formula, {}))
         self.timeline: tuple[int, Timeline | None] = (0, None)
         part = formula.part if isinstance(formula, Not) else formula
@@ -91,10 +92,10 @@ class PreparedExpression:
     Attributes:
         kind, key: of the timeline.
         timeline: that timeline, once it has been found.
-        named, plausible_at, proves_types: as of `PreparedCondition`; where it has a value, each function has one.
+        named, plausible, proves_types: as of `PreparedCondition`; where it has a value, each function has one.
     """
 
-    __slots__ = ("expression", "key", "named", "plausible_at", "timeline")
+    __slots__ = ("expression", "key", "named", "plausible", "timeline")
 
     kind = KnowledgeType.FUNCTION
     proves_types = True
@@ -102,7 +103,7 @@ class PreparedExpression:
     def __init__(self, expression: NumericExpression, domain: Domain | None) -> None:
         self.expression = expression
         self.named = named_arguments(expression, domain)
-        self.plausible_at = -1
+        self.plausible = 0, 0, 0
         self.timeline: tuple[int, Timeline | None] = (0, None)
         only = expression[0] if len(expression) == 1 else None
         self.key = ground_key(only) if isinstance(only, Atom) else None

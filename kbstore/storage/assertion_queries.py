@@ -354,6 +354,12 @@ class AssertionQueries:
     # -- the record ---------------------------------------------------------------------------------------------
 
     @cached_property
+    def recorded_since(self) -> Statement:
+        """A row, if a transaction after :number recorded any."""
+        rows = select(constant(1)).where(self._columns.kb_id == KB, self._columns.recorded_tx > parameter("number"))
+        return Statement(rows.limit(constant(1)))
+
+    @cached_property
     def recorded(self) -> Statement:
         """The rows that the transactions after :after and up to :upto recorded, in their order."""
         columns = self._columns

@@ -50,11 +50,12 @@ class Options(NamedTuple):
 
 
 class AnswerCache:
-    """Answers about now since the last commit: truths and values, by question."""
+    """Answers about now since the last commit: truths and values, by question; the commit by its token."""
 
-    __slots__ = ("truths", "values")
+    __slots__ = ("token", "truths", "values")
 
     def __init__(self) -> None:
+        self.token = 0
         self.truths: LRU[Any, Any] = LRU(ANSWERS)
         self.values: LRU[Any, Any] = LRU(ANSWERS)
 
@@ -144,8 +145,8 @@ class StoreConnection(ABC):
         self._log_wait(started)
         return row
 
-    def memory(self) -> AnswerCache | None:
-        """The answers that may be remembered; None where a commit of another connection is not noticed."""
+    def memory(self, kb: int) -> AnswerCache | None:
+        """The answers about a knowledge base that may be remembered; None where others' commits are not noticed."""
         return None
 
     @abstractmethod

@@ -57,6 +57,8 @@ put_head = Statement(
     tables.heads.update().where(_heads.kb_id == KB).values({name: parameter(name) for name in HEAD_COLUMNS})
 )
 
+last_token = Statement(select(_heads.last_token).where(_heads.kb_id == KB))
+
 token = Statement(
     select(_transactions.token).where(_transactions.kb_id == KB, _transactions.number == parameter("number"))
 )

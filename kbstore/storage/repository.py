@@ -295,6 +295,11 @@ class Repository:
             raise self._memory.gone()
         return None if row[0] != self._seen.token and self._has_gone_back() else row
 
+    def has_objects_since(self, number: int) -> bool:
+        """Return whether something was recorded of the existence of objects after a transaction."""
+        parameters = {"kb": self._kb, "number": number}
+        return self._connection.first(for_kind[KnowledgeType.INSTANCE].recorded_since, parameters) is not None
+
     def next_start(self, timeline: Timeline, t: int) -> int:
         """Return the initial time of the next assertion on a timeline after a time; `OPEN` if none is scheduled."""
         if not self.head().present & PRESENT_SCHEDULES:

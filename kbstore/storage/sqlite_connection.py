@@ -9,6 +9,7 @@ from contextlib import AbstractContextManager, nullcontext
 from operator import attrgetter
 from typing import Any
 
+from kbstore.storage import queries
 from kbstore.storage.connection import AnswerCache, Options, Parameters, SqlRow, StoreConnection
 from kbstore.storage.driver_errors import LASTING, sqlite_code
 from kbstore.storage.statements import Lookup, Statement
@@ -92,8 +93,8 @@ class SqliteConnection(StoreConnection):
 
     # -- statements -------------------------------------------------------------------------------------------
 
-    def memory(self) -> AnswerCache:
-        """The answers remembered on this connection, dropped first if another one has committed since.
+    def memory(self, kb: int) -> AnswerCache:
+        """The answers remembered on this connection, dropped first if another one has committed to `kb` since.
 
         Right outside of transactions, and only where nobody else writes on this very connection. Source:
         https://www.sqlite.org/pragma.html#pragma_data_version
@@ -104,7 +105,11 @@ class SqliteConnection(StoreConnection):
             raise self._failure(error) from error
         if version != self._data_version:
             self._data_version = version
-            self._memory.clear()
+            row = self.first(queries.last_token, {"kb": kb})
+            token = 0 if row is None else row[0]
+            if token != self._memory.token:
+                self._memory.clear()
+                self._memory.token = token
         return self._memory
 
     def announce(self, kb: int, number: int) -> None:

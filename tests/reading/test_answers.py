@@ -6,7 +6,7 @@ from contextlib import suppress
 import pytest
 
 import kbstore
-from kbstore import KbStoreError, seconds
+from kbstore import InvalidKnowledge, KbStoreError, seconds
 from tests.conftest import START
 
 DOMAIN = """
@@ -183,6 +183,58 @@ def test_a_bound_object_is_looked_up(large, question, most):
     statements.clear()
     assert kb.holds(question)
     assert [text for text in statements if "data_version" not in text] == []
+
+
+def test_a_number_that_moves_is_read_once(large):
+    """A condition, or a sum, of a number that moves is computed for each time from what was read at first (C7, V5)."""
+    kb, statements = large
+    clock = kb._clock
+    kb.add("(increase (charge r0) (* #t -1))", "(= (cost) 1)")
+    asked = "(and (at r0 p3) (>= (charge r0) 5))"
+    assert kb.holds(asked)
+    assert kb.value("(+ (charge r0) (cost))") == 10
+    statements.clear()
+    for second, truth in ((1, True), (3, True), (1, False), (1, False)):
+        clock.advance(seconds(second))
+        assert kb.holds(asked) is truth
+        assert kb.value("(+ (charge r0) (cost))") == 10 - (clock.now() - START) / seconds(1)
+    # the first time that it does not hold it is checked whether it can be meant
+    assert len([text for text in statements if "data_version" not in text]) <= 12
+    statements.clear()
+    clock.advance(seconds(1))
+    assert not kb.holds(asked)
+    assert [text for text in statements if "data_version" not in text] == []
+    kb.add("(= (charge r0) 9)")
+    assert kb.holds(asked)
+
+
+def test_answers_outlast_what_is_written_elsewhere(large, tmp_path):
+    """A commit to another knowledge base of the file costs a look at the head, and no answer."""
+    kb, statements = large
+    asked = ("(exists (?p - place) (at r0 ?p))", "(and (at r0 p3) (not (alarm)))")
+    with kbstore.open(tmp_path / "store.db", "elsewhere") as elsewhere:
+        assert [kb.holds(question) for question in asked] == [True, True]
+        elsewhere.add("(alarm)")
+        statements.clear()
+        assert [kb.holds(question) for question in asked] == [True, True]
+        assert len([text for text in statements if "data_version" not in text]) == 1
+    with kbstore.open(tmp_path / "store.db", clock=kb._clock) as other:
+        other.add("(alarm)")
+        assert [kb.holds(question) for question in asked] == [True, False]
+
+
+def test_a_question_is_checked_again_once_an_object_is_recorded(tmp_path):
+    """V10: that no object was ever of a wrong type is looked up once, and again when somebody has recorded one."""
+    store = tmp_path / "store.db"
+    with kbstore.open(store) as kb, kbstore.open(store) as other:
+        kb.load(DOMAIN)
+        kb.add("p0 - place")
+        assert not kb.holds("(at r7 p0)")
+        kb.add("(alarm)")
+        assert not kb.holds("(at r7 p0)")
+        other.add("r7 - place")
+        with pytest.raises(InvalidKnowledge):
+            kb.holds("(at r7 p0)")
 
 
 @pytest.mark.parametrize(

@@ -59,7 +59,7 @@ def listening(postgresql_url, name):
 def remembers(kb):
     """Whether answers are remembered just now."""
     with kb._database.connect() as connection:
-        return connection.memory() is not None
+        return connection.memory(kb._reader.kb) is not None
 
 
 def listeners(raw, kb):
