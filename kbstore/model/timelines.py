@@ -62,7 +62,7 @@ class Identity(NamedTuple):
 class Timeline:
     """One timeline; `id` is 0 until it is stored."""
 
-    __slots__ = ("_words", "id", "identity", "key", "keys", "kind", "role", "shown", "spelling")
+    __slots__ = ("_words", "id", "identity", "key", "keys", "kind", "latest", "role", "shown", "spelling")
 
     keys: tuple[str, ...]
     """The words of the key: an atom's symbol and objects, or all of any other key."""
@@ -71,6 +71,8 @@ class Timeline:
     _words: tuple[str, ...]
     shown: tuple[Sequence[str], tuple[Any, ...]] | None
     """The labels with which the arguments were last shown, and the labelled arguments."""
+    latest: tuple[object, int, Value, Any] | None
+    """The domain, the initial time and the value with which it was last shown, and the item that was made of them."""
 
     def __init__(self, id: int, role: int, kind: int, key: str, spelling: str | None) -> None:
         self.id = id
@@ -80,6 +82,7 @@ class Timeline:
         """The subject, in the form in which it is compared."""
         self.spelling = key if spelling is None else spelling
         self.shown = None
+        self.latest = None
 
     def __getattr__(self, name: str) -> Any:
         """Fill a slot when it is first read: a state has a thousand timelines, and most questions are about one."""

@@ -34,9 +34,27 @@ class ItemFactory:
 
     def __init__(self, symbol_table: SymbolTable) -> None:
         self._symbols = symbol_table
+        self._domain = symbol_table.domain
 
     def item(self, timeline: Timeline, initial_time: int, value: Value, t: int) -> KnowledgeItem | Condition:
-        """Return the item of a row; a function's has its value at `t`."""
+        """Return the item of a row; a function's has its value at `t`.
+
+        It is made once, as long as no other row of its timeline is shown in between.
+        """
+        # read once: other threads may show another row
+        latest = timeline.latest
+        item: KnowledgeItem | Condition
+        if latest is not None and latest[0] is self._domain and latest[1] == initial_time and latest[2] == value:
+            item = latest[3]
+            return item
+        item = self._made(timeline, initial_time, value, t)
+        is_moving = timeline.kind is KnowledgeType.FUNCTION and value[3]
+        # without a domain, labels may be learned later
+        if self._domain is not None and not is_moving:
+            timeline.latest = (self._domain, initial_time, value, item)
+        return item
+
+    def _made(self, timeline: Timeline, initial_time: int, value: Value, t: int) -> KnowledgeItem | Condition:
         match timeline.kind:
             case KnowledgeType.FACT:
                 return Fact.trusted(

@@ -3,7 +3,8 @@
 =====================  =============================  ========================  =====================================
 what                   key                            bound                     dropped when
 =====================  =============================  ========================  =====================================
-timelines              number; role, kind and key     200,000                   never wrong: a timeline never changes
+timelines              number; role, kind and key     200,000                   never wrong: a timeline never changes,
+                                                                                nor does the message of its latest row
 domain versions        version number                 all                       never wrong: a version never changes
 prepared questions     domain version and question    50,000                    never wrong: made anew for a version
 past states            valid time                     50,000 assertions         late knowledge reaches their time
