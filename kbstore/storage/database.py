@@ -57,12 +57,13 @@ class Database:
         self.schema = schema
         self.engine = self._connections.engine
         self.dialect = self.engine.dialect.name
-        self._errors = DBAPIError, PoolTimeout, self.engine.dialect.loaded_dbapi.Error
+        self.errors = DBAPIError, PoolTimeout, self.engine.dialect.loaded_dbapi.Error
         self.is_local = self.can_remember = isinstance(self._connections, ThreadConnections)
         """Whether a question waits for no server; and whether connections can detect that nobody has committed."""
         self.checkout = self._connections.checkout
         self.checkin = self._connections.checkin
         self.close = self._connections.close
+        self.failure = self._connections.failure
 
     def listen(self, kb: int) -> None:
         """Have the answers about a knowledge base remembered where notifications are asked for, and needed for that.
@@ -87,22 +88,9 @@ class Database:
         with self.connect() as connection:
             return connection.first(statement, parameters)
 
-    @contextmanager
-    def read(self) -> Iterator[StoreConnection]:
+    def read(self) -> "_Snapshot":
         """A connection on one snapshot of the store; within a transaction of this thread, that transaction's."""
-        with self.connect() as connection:
-            # not within `wrap_errors`, which as a generator would take a microsecond of each question
-            try:
-                if connection.in_transaction:
-                    yield connection
-                    return
-                connection.begin(write=False)
-                try:
-                    yield connection
-                finally:
-                    connection.rollback()
-            except self._errors as error:
-                raise self._connections.failure(error) from error
+        return _Snapshot(self)
 
     @contextmanager
     def begin(self, borrowed: sa.Connection | None = None) -> Iterator[StoreConnection]:
@@ -149,8 +137,8 @@ class Database:
         """Raise errors of SQLAlchemy and of the driver as `StoreUnavailable` with what to do."""
         try:
             yield
-        except self._errors as error:
-            raise self._connections.failure(error) from error
+        except self.errors as error:
+            raise self.failure(error) from error
 
 
 def _opened(place: URL | Engine, options: Options) -> ThreadConnections | PooledConnections:
@@ -178,3 +166,32 @@ class _Checkout:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._database.checkin(self._connection)
+
+
+class _Snapshot(_Checkout):
+    """`Database.read`, as a class for the same reason."""
+
+    __slots__ = ("_has_begun",)
+
+    def __enter__(self) -> StoreConnection:
+        connection = super().__enter__()
+        self._has_begun = False
+        try:
+            if not connection.in_transaction:
+                connection.begin(write=False)
+                self._has_begun = True
+        except BaseException as error:
+            self.__exit__(type(error), error, error.__traceback__)
+            raise
+        return connection
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        try:
+            if self._has_begun:
+                self._connection.rollback()
+        finally:
+            super().__exit__(kind, error, trace)
+        if isinstance(error, self._database.errors):
+            raise self._database.failure(error) from error

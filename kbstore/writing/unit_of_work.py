@@ -3,7 +3,7 @@
 import json
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from hashlib import sha256
 from types import TracebackType
 from typing import Self, TypeVar
@@ -70,16 +70,25 @@ class OpenTransaction:
         self._is_open = False
         self._loads: list[str] = []
         self._guard = guard
-        self._contexts = ExitStack()
 
     def __enter__(self) -> Self:
-        with ExitStack() as contexts:
-            contexts.enter_context(self._guard())
-            connection = contexts.enter_context(self._reader.database.begin(self._reader.borrowed))
-            self._begin(Repository(connection, self._reader.kb, self._reader.memory))
-            self._contexts = contexts.pop_all()
-        self._is_open = True
+        self._context = self._run()
+        self._context.__enter__()
         return self
+
+    @contextmanager
+    def _run(self) -> Iterator[None]:
+        """Begin, and after the block store and commit; an error in storing rolls back, like one in the block."""
+        with self._guard(), self._reader.database.begin(self._reader.borrowed) as connection:
+            self._begin(Repository(connection, self._reader.kb, self._reader.memory))
+            self._is_open = True
+            try:
+                yield
+            finally:
+                self._is_open = False
+            with gc_paused():
+                self.result = self._store()
+        self._repository.committed()
 
     def _begin(self, repository: Repository) -> None:
         reader = self._reader
@@ -120,14 +129,7 @@ class OpenTransaction:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._is_open = False
-        if kind is not None:
-            self._contexts.__exit__(kind, error, trace)
-            return
-        # an error in storing rolls back, like one in the block
-        with self._contexts, gc_paused():
-            self.result = self._store()
-        self._repository.committed()
+        self._context.__exit__(kind, error, trace)
 
     def _open_handlers(self) -> Handlers:
         """The handlers, inside the block only: updates before or after it would be lost in silence."""
