@@ -44,6 +44,7 @@ from kbstore.model.results import (
     Diff,
     Ended,
     Explanation,
+    FailingCondition,
     QueryResult,
     Run,
     Transaction,
@@ -52,16 +53,17 @@ from kbstore.model.timelines import Role
 from kbstore.names import key
 from kbstore.pddl.strict_names import StrictPddl, strict_domain
 from kbstore.pddl.writer import write_domain
-from kbstore.reading.answers import Answers
+from kbstore.reading.answers import Answers, Computed
 from kbstore.reading.beliefs import Belief, beliefs
 from kbstore.reading.condition_watch import ConditionWatch, TruthChange
 from kbstore.reading.difference import difference
-from kbstore.reading.explanation import Explainer
+from kbstore.reading.explanation import Explainer, Moment
 from kbstore.reading.history import History
+from kbstore.reading.lazy_state import LazyState
 from kbstore.reading.query import bindings
 from kbstore.reading.questions import Knowledge, Question
 from kbstore.reading.reader import Reader
-from kbstore.reading.resolver import MAX_STEP, TOLERANCE
+from kbstore.reading.resolver import MAX_STEP, TOLERANCE, TemporalPoint
 from kbstore.reading.runs import Runs
 from kbstore.reading.sampling import Sample, sampled
 from kbstore.reading.state import State
@@ -70,6 +72,7 @@ from kbstore.reading.watching import ChangeWatch, Found, Watch
 from kbstore.storage import directory
 from kbstore.storage.database import Database
 from kbstore.storage.memory import TimelineCache
+from kbstore.storage.repository import Repository
 from kbstore.transfer import archive
 from kbstore.transfer.archive import Archived
 from kbstore.transfer.rows import Progress, is_archive
@@ -470,7 +473,8 @@ class KnowledgeBase:
         def fits(row: StateRow, domain: Domain | None) -> bool:
             return not row[2][0] and is_wanted(row[2][1], domain)
 
-        items, domain = self._items((KnowledgeType.INSTANCE,), at, fits=fits)
+        which = (wanted, include_subtypes)
+        items, domain = self._items((KnowledgeType.INSTANCE,), at, which=which, fits=fits)
         if domain is not None and type_name:
             domain.type_spelling(type_name)
         found = cast("list[Instance]", items)
@@ -495,14 +499,12 @@ class KnowledgeBase:
 
     def timed_knowledge(self, name: str = "", at: TimeLike | None = None) -> list[KnowledgeItem]:
         """Return the items scheduled to take effect after the time, of one predicate or function, or of all."""
-        with self._reader.repository() as repository:
-            point = self._reader.resolver.resolve(repository, at)
-            items, domain = self._reader.timed_knowledge(repository, point)
+        items, domain = self._answers.part(("timed knowledge",), self._reader.timed_knowledge, at)
         if name and domain is not None:
             domain.symbol(name)
         return [
             item
-            for item in items
+            for item in cast("list[KnowledgeItem]", items)
             if not name or (isinstance(item, Fact | Function) and key(item.attribute_name) == key(name))
         ]
 
@@ -522,12 +524,12 @@ class KnowledgeBase:
         name: str = "",
         *,
         role: Role = Role.STATE,
+        which: object = None,
         fits: Callable[[StateRow, Domain | None], bool] | None = None,
     ) -> tuple[list[KnowledgeItem | Condition], Domain | None]:
-        """The items of some knowledge types at a time, and the domain then."""
-        with self._reader.repository() as repository:
-            point = self._reader.resolver.resolve(repository, at)
-            return self._reader.items(repository, point, role, kinds, name, fits)
+        """The items of some knowledge types at a time, and the domain then; `which` says what `fits` lets through."""
+        read = partial(self._reader.items, role=role, kinds=kinds, name=name, fits=fits)
+        return self._answers.part((role, kinds, key(name), which), read, at)
 
     @property
     def domain(self) -> MessageDomain:
@@ -806,12 +808,32 @@ class KnowledgeBase:
 
         `duration` is as in `start`; the domain's constraints on it are among the conditions.
         """
-        with self._reader.repository() as repository:
-            point = self._reader.resolver.resolve(repository, at)
-            domain = self._reader.symbols_at(repository, point).domain
-            world = self._reader.world(repository, point, domain)
-            read_state = partial(self._reader.state, repository, point)
-            return applicability(domain, world, read_state, operator, arguments, duration)
+        compute = partial(self._applicable, operator, arguments, duration)
+        name = ("applicable", operator, arguments) if duration is None else None
+        failing = self._answers.computed(name, compute, at)
+        return Applicability(list(failing))
+
+    def _applicable(
+        self,
+        operator: str,
+        arguments: Sequence[str],
+        duration: DurationLike | None,
+        repository: Repository,
+        point: TemporalPoint,
+    ) -> Computed[Sequence[FailingCondition]]:
+        """Compute which conditions of an operator fail at a point."""
+        world = self._reader.world(repository, point, self._reader.symbols_at(repository, point).domain)
+        whole: list[State] = []
+
+        def read_state() -> State:
+            whole.append(self._reader.state(repository, point))
+            return whole[-1]
+
+        found = applicability(Moment(self._explainer, world), read_state, operator, arguments, duration)
+        until = point.valid_time
+        if isinstance(world, LazyState) and not world.is_moving and not whole:
+            until = world.until
+        return Computed(found.failing, 1 + len(found.failing), until)
 
     def apply(self, operator: str, *arguments: str, client: str = "", note: str = "") -> Transaction:
         """Apply an instantaneous action. Raises `NotApplicable` with the conditions that fail."""

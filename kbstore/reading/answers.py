@@ -7,14 +7,14 @@ evaluated on as much of the state as it reads (`kbstore.reading.lazy_state`).
 """
 
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import Any, Generic, NamedTuple, TypeVar
 
 from kbstore.clock import OPEN, Clock, TimeLike, time
 from kbstore.errors import KbStoreError
 from kbstore.evaluation.argument_types import check_types
 from kbstore.evaluation.interpretation import Interpretation, Number
 from kbstore.evaluation.snapshot import Snapshot
-from kbstore.messages import KnowledgeType, Truth
+from kbstore.messages import Condition, Function, KnowledgeItem, KnowledgeType, Truth
 from kbstore.model.domain import Domain
 from kbstore.model.results import AsOf, QueryResult
 from kbstore.model.symbols import SymbolTable
@@ -23,11 +23,15 @@ from kbstore.reading.lazy_state import LazyState, NotRead, Premises
 from kbstore.reading.prepared import PreparedCondition, PreparedExpression, question_key
 from kbstore.reading.questions import Question
 from kbstore.reading.reader import Reader
+from kbstore.reading.resolver import TemporalPoint
 from kbstore.reading.state import query_result
 from kbstore.storage.caches import LRU
+from kbstore.storage.connection import AnswerCache, StoreConnection
 from kbstore.storage.repository import Repository
 
 _Prepared = PreparedCondition | PreparedExpression
+
+_Value = TypeVar("_Value")
 
 _Answer = Truth | float
 
@@ -59,6 +63,17 @@ class _Moving(NamedTuple):
             return None
         # whether a question can be meant has been checked where the answer depends on it (rule V10)
         return answer if answer == self.answer or not _needs_check(self.prepared, answer) else None
+
+
+class Computed(NamedTuple, Generic[_Value]):
+    """What has been computed of a state, its size in assertions, and the time at which the clock may change it.
+
+    That is the time of the state where it is not to be remembered.
+    """
+
+    value: _Value
+    size: int
+    until: int
 
 
 class _Form(NamedTuple):
@@ -97,6 +112,48 @@ class Answers:
         """
         return self._ask(self._expressions, question, at, as_of)  # type: ignore[return-value]
 
+    def computed(
+        self,
+        name: tuple[object, ...] | None,
+        compute: Callable[[Repository, TemporalPoint], Computed[_Value]],
+        at: TimeLike | None = None,
+    ) -> _Value:
+        """What is computed of the state at a time, which no caller changes; remembered by a name, if it has one."""
+        connection = self._database.checkout()
+        try:
+            memory = self._memory(connection) if at is None and name is not None else None
+            if memory is not None:
+                known: tuple[int, Computed[_Value]] | None = memory.computed.get(name)
+                if known is not None and known[0] <= self._clock.now() < known[1].until:
+                    return known[1].value
+            with self._reader.repository() as repository:
+                point = self._resolver.resolve(repository, at)
+                found = compute(repository, point)
+            if memory is not None and point.valid_time < found.until:
+                memory.computed.put(name, (point.valid_time, found))
+            return found.value
+        finally:
+            self._database.checkin(connection)
+
+    def part(
+        self,
+        name: tuple[object, ...],
+        read: Callable[[Repository, TemporalPoint], tuple[Sequence[KnowledgeItem | Condition], Domain | None]],
+        at: TimeLike | None = None,
+    ) -> tuple[list[KnowledgeItem | Condition], Domain | None]:
+        """The items of a part of the state at a time, as `read` reads them, and the domain then."""
+
+        def compute(
+            repository: Repository, point: TemporalPoint
+        ) -> Computed[tuple[Sequence[KnowledgeItem | Condition], Domain | None]]:
+            found = read(repository, point)
+            is_moving = any(isinstance(item, Function) and item.rate for item in found[0])
+            until = point.valid_time if is_moving else repository.next_due(point.valid_time)
+            return Computed(found, 1 + len(found[0]), until)
+
+        items, domain = self.computed(name, compute, at)
+        return list(items), domain
+
     def is_quick(self, question: Question) -> bool:
         """Return whether one timeline decides a question, on a connection that this thread has, as far as is known."""
         key = self._domains.latest.domain, question if type(question) is str else question_key(question)
@@ -108,16 +165,11 @@ class Answers:
         connection = self._database.checkout()
         try:
             answers = None
-            if self._remembers and at is None and as_of is None and not connection.in_transaction:
-                # None where nothing may be remembered just now
-                answers = getattr(connection.memory(self._reader.kb), form.remembered, None)
-                known: _Found | None = None if answers is None else answers.get(name)
-                if known is not None:
-                    since, until, answer = known
-                    if since <= (now := self._clock.now()) < until:
-                        remembered = answer.at(now) if isinstance(answer, _COMPUTED) else answer
-                        if remembered is not None:
-                            return remembered
+            if at is None and as_of is None and (memory := self._memory(connection)) is not None:
+                answers = getattr(memory, form.remembered)
+                remembered = self._remembered(answers, name)
+                if remembered is not None:
+                    return remembered
             found = None
             if as_of is None and not isinstance(at, str):
                 # before what is prepared is looked up: what is prepared is as old as what had been seen, or newer
@@ -136,6 +188,22 @@ class Answers:
             return answer.at(since) if type(answer) is Number else answer  # type: ignore[return-value]
         finally:
             self._database.checkin(connection)
+
+    def _memory(self, connection: StoreConnection) -> AnswerCache | None:
+        """The answers about now that are remembered on a connection; None where none are."""
+        if not self._remembers or connection.in_transaction:
+            return None
+        return connection.memory(self._reader.kb)
+
+    def _remembered(self, answers: LRU[Any, Any], name: object) -> _Answer | None:
+        """The answer that is remembered, if it is right now."""
+        known: _Found | None = answers.get(name)
+        if known is None:
+            return None
+        since, until, answer = known
+        if not since <= (now := self._clock.now()) < until:
+            return None
+        return answer.at(now) if isinstance(answer, _COMPUTED) else answer
 
     def _from_timeline(
         self, repository: Repository, prepared: _Prepared, at: TimeLike | None, *, look_ahead: bool
@@ -198,12 +266,29 @@ class Answers:
     def query(self, items: Sequence[Question], at: TimeLike | None = None) -> QueryResult:
         """Return whether each of several items is true at a time, on one snapshot of the store."""
         reader = self._reader
-        with reader.repository() as repository:
-            point = self._resolver.resolve(repository, at)
-            symbols = reader.symbols_at(repository, point)
-            world = reader.world(repository, point, symbols.domain)
-            prepared = [self._conditions.prepare(item, symbols) for item in items]
-            truths = [self._evaluate(item, repository, world, point.head.token) for item in prepared]
+        names = [item if type(item) is str else question_key(item) for item in items]
+        connection = self._database.checkout()
+        try:
+            memory = self._memory(connection) if at is None else None
+            domain = self._domains.latest.domain
+            if memory is not None and domain is not None:
+                # all of one commit
+                known = [self._remembered(memory.truths, name) for name in names]
+                if None not in known:
+                    return query_result(items, [truth is Truth.TRUE for truth in known], SymbolTable(domain))
+            with reader.repository() as repository:
+                point = self._resolver.resolve(repository, at)
+                symbols = reader.symbols_at(repository, point)
+                world = reader.world(repository, point, symbols.domain)
+                prepared = [self._conditions.prepare(item, symbols) for item in items]
+                truths = [self._evaluate(item, repository, world, point.head.token) for item in prepared]
+                if memory is not None and isinstance(world, LazyState) and not world.is_moving:
+                    t, until = point.valid_time, world.until
+                    for name, truth in zip(names, truths, strict=True):
+                        if name is not None and t < until:
+                            memory.truths.put(name, (t, until, truth))
+        finally:
+            self._database.checkin(connection)
         return query_result(items, [truth is Truth.TRUE for truth in truths], symbols)
 
     def _evaluate(

@@ -1,11 +1,14 @@
 """Why something holds, or does not: the reason, since when, and the transaction that made it so (rule V6)."""
 
 from collections.abc import Sequence
+from typing import Protocol
 
 from kbstore.evaluation import conditions
 from kbstore.evaluation.argument_types import check_types
+from kbstore.evaluation.interpretation import Interpretation
 from kbstore.messages import KnowledgeType, Truth, format_number
 from kbstore.model import formulas
+from kbstore.model.domain import Domain
 from kbstore.model.expressions import atoms_of
 from kbstore.model.results import Explanation, Transaction
 from kbstore.model.symbols import SymbolTable
@@ -16,7 +19,6 @@ from kbstore.planning.simulator import Event
 from kbstore.reading.history import History
 from kbstore.reading.questions import Question
 from kbstore.reading.reader import Reader
-from kbstore.reading.state import State
 from kbstore.reading.trajectory import since_when
 from kbstore.storage.records import LogPosition, RecordedAssertion
 from kbstore.storage.repository import Repository
@@ -30,6 +32,45 @@ _ENDED = {
 }
 
 
+class Explained(Protocol):
+    """A state that can be explained: a `State`, or a `Moment`, of which only what that takes is read."""
+
+    @property
+    def at(self) -> int:
+        """The time, in nanoseconds."""
+
+    @property
+    def belief(self) -> LogPosition | None:
+        """Whose belief it is; None where it is not a belief of the past."""
+
+    @property
+    def domain(self) -> Domain | None:
+        """The domain at that time."""
+
+    @property
+    def snapshot(self) -> Interpretation:
+        """What holds."""
+
+    def explain(self, question: Question) -> Explanation:
+        """Explain why a fact or condition is true, false or unknown."""
+
+
+class Moment:
+    """The state that an interpretation is of, by what is known now."""
+
+    belief: LogPosition | None = None
+
+    def __init__(self, explainer: "Explainer", world: Interpretation) -> None:
+        self.snapshot = world
+        self.at = world.time
+        self.domain = world.domain
+        self._explainer = explainer
+
+    def explain(self, question: Question) -> Explanation:
+        """Explain why a fact or condition is true, false or unknown."""
+        return self._explainer.explain(self, question)
+
+
 class Explainer:
     """Explains the states of one knowledge base."""
 
@@ -37,7 +78,7 @@ class Explainer:
         self._reader = reader
         self._history = history
 
-    def explain(self, state: State, question: Question) -> Explanation:
+    def explain(self, state: Explained, question: Question) -> Explanation:
         """Why a fact or condition is true, false or unknown in a state.
 
         Raises `HistoryUnavailable` where the reason lies before the history that is kept.
@@ -50,7 +91,7 @@ class Explainer:
             check_types(prepared.named, state.snapshot.type_of, state.domain)
             return self._condition(repository, state, prepared.formula)
 
-    def _condition(self, repository: Repository, state: State, condition: formulas.Formula) -> Explanation:
+    def _condition(self, repository: Repository, state: Explained, condition: formulas.Formula) -> Explanation:
         truth = conditions.truth(condition, state.snapshot)
         match condition:
             case formulas.Atom() if not any(map(is_wildcard, condition.arguments)):
@@ -72,7 +113,7 @@ class Explainer:
         ]
         return self._summary(repository, state, condition, truth, parts)
 
-    def _atom(self, repository: Repository, state: State, atom: formulas.Atom, truth: Truth) -> Explanation:
+    def _atom(self, repository: Repository, state: Explained, atom: formulas.Atom, truth: Truth) -> Explanation:
         if state.domain is not None and state.domain.is_derived(atom.name):
             reason = {
                 Truth.TRUE: "derived by the domain's rules",
@@ -83,7 +124,7 @@ class Explainer:
         return self._told(repository, state, str(atom), truth, KnowledgeType.FACT, atom)
 
     def _comparison(
-        self, repository: Repository, state: State, condition: formulas.Comparison, truth: Truth
+        self, repository: Repository, state: Explained, condition: formulas.Comparison, truth: Truth
     ) -> Explanation:
         parts = []
         for function in dict.fromkeys(atoms_of((*condition.left, *condition.right))):
@@ -97,7 +138,7 @@ class Explainer:
             return self._summary(repository, state, condition, truth, undefined or parts, reason)
         return self._summary(repository, state, condition, truth, parts, "by the values of its functions")
 
-    def _object(self, repository: Repository, state: State, condition: formulas.IsA, truth: Truth) -> Explanation:
+    def _object(self, repository: Repository, state: Explained, condition: formulas.IsA, truth: Truth) -> Explanation:
         text = condition_text(condition)
         if state.domain is not None and state.domain.constant_spelling(condition.name) is not None:
             return Explanation(text, truth, f"a constant of the domain {state.domain.name}")
@@ -111,7 +152,7 @@ class Explainer:
     def _summary(
         self,
         repository: Repository,
-        state: State,
+        state: Explained,
         condition: formulas.Formula,
         truth: Truth,
         parts: Sequence[Explanation],
@@ -153,7 +194,13 @@ class Explainer:
     # -- rows -------------------------------------------------------------------------------------------------
 
     def _told(
-        self, repository: Repository, state: State, text: str, truth: Truth, kind: KnowledgeType, atom: formulas.Atom
+        self,
+        repository: Repository,
+        state: Explained,
+        text: str,
+        truth: Truth,
+        kind: KnowledgeType,
+        atom: formulas.Atom,
     ) -> Explanation:
         """Why a fact is what it is, or a function defined."""
         name = atom_key([key(name) for name in (atom.name, *atom.arguments)])
@@ -165,7 +212,7 @@ class Explainer:
         absent = "never told" if kind is KnowledgeType.FACT else "undefined function"
         return self._of_row(repository, state, text, truth, self._rows(repository, state, kind, name), absent)
 
-    def _expected(self, repository: Repository, state: State, identity: Identity) -> Event | None:
+    def _expected(self, repository: Repository, state: Explained, identity: Identity) -> Event | None:
         """Return the last change of a timeline that is computed, for a time after what is believed (rule O3)."""
         head = repository.head()
         belief = state.belief or LogPosition(self._reader.resolver.now(head))
@@ -176,7 +223,7 @@ class Explainer:
         return next((event for event in reversed(list(events)) if event.timeline.identity == identity), None)
 
     def _rows(
-        self, repository: Repository, state: State, kind: KnowledgeType, name: str
+        self, repository: Repository, state: Explained, kind: KnowledgeType, name: str
     ) -> Sequence[RecordedAssertion]:
         """Return the latest rows of a timeline that begin by the state's time, as they were believed then."""
         timeline = repository.find(Role.STATE, kind, [name]).get(name)
@@ -197,7 +244,7 @@ class Explainer:
     def _of_row(
         self,
         repository: Repository,
-        state: State,
+        state: Explained,
         text: str,
         truth: Truth,
         rows: Sequence[RecordedAssertion],

@@ -9,9 +9,8 @@ domain versions        version number                 all                       
 prepared questions     domain version and question    50,000                    never wrong: made anew for a version
 past states            valid time                     50,000 assertions         late knowledge reaches their time
 open rows              number of a timeline           50,000                    somebody else writes
-answers about now      question; of one connection,   50,000                    somebody commits to it, or a notification
-                       or while notified                                        of that arrives; a part of the
-                                                                                question changes by the clock
+answers about now      question; of one connection,   50,000                    somebody commits to it, or it is told
+                       or while notified                                        of that; a part changes by the clock
 answers of a `State`   question                       1,000 of each state       never wrong: a state never changes
 =====================  =============================  ========================  =====================================
 

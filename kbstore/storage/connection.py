@@ -15,7 +15,7 @@ from contextlib import AbstractContextManager
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from kbstore.errors import StoreUnavailable
-from kbstore.storage.caches import ANSWERS, LRU
+from kbstore.storage.caches import ANSWERS, ASSERTIONS, LRU
 from kbstore.storage.driver_errors import unavailable
 from kbstore.storage.statements import Lookup, Statement
 
@@ -50,17 +50,19 @@ class Options(NamedTuple):
 
 
 class AnswerCache:
-    """Answers about now since the last commit: truths and values, by question; the commit by its token."""
+    """Answers about now since the last commit, whose token it has: truths, values, and what else was computed."""
 
-    __slots__ = ("token", "truths", "values")
+    __slots__ = ("computed", "token", "truths", "values")
 
     def __init__(self) -> None:
         self.token = 0
+        self.computed: LRU[Any, Any] = LRU(ASSERTIONS, lambda found: found[1].size)
         self.truths: LRU[Any, Any] = LRU(ANSWERS)
         self.values: LRU[Any, Any] = LRU(ANSWERS)
 
     def clear(self) -> None:
         """Forget everything."""
+        self.computed.clear()
         self.truths.clear()
         self.values.clear()
 

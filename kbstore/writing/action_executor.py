@@ -5,9 +5,10 @@ from dataclasses import replace
 
 from kbstore.clock import SECOND, DurationLike, isoformat
 from kbstore.errors import DivisionByZero, HistoryUnavailable, InvalidKnowledge, NotApplicable, UndefinedFunction
+from kbstore.evaluation import conditions
 from kbstore.evaluation.interpretation import Interpretation
 from kbstore.evaluation.snapshot import Snapshot
-from kbstore.messages import AssignOp, KnowledgeType
+from kbstore.messages import AssignOp, KnowledgeType, Truth
 from kbstore.model.domain import Domain
 from kbstore.model.formulas import Atom, Formula, Timing
 from kbstore.model.results import Applicability, FailingCondition, Run
@@ -28,6 +29,7 @@ from kbstore.planning.effects import Effects, NumericChange
 from kbstore.planning.foresight import Break, expected_breaks
 from kbstore.planning.grounding import GroundAction, ground
 from kbstore.planning.rates import RunningAction, is_moving, rates, value_at_end
+from kbstore.reading.explanation import Explained
 from kbstore.reading.state import State
 from kbstore.storage.records import RowChanges, RunRow
 from kbstore.writing.change_set import ChangeSet
@@ -270,18 +272,18 @@ def _is_sensed(world: Interpretation, atom: Atom) -> bool:
 
 
 def applicability(
-    domain: Domain | None,
-    world: Interpretation,
+    state: Explained,
     read_state: Callable[[], State],
     operator: str,
     arguments: Sequence[str],
     duration: DurationLike | None = None,
 ) -> Applicability:
-    """Return whether an operator is applicable in a world, and the failing conditions, each with since when (O1).
+    """Return whether an operator is applicable in a state, and the failing conditions, each with since when (O1).
 
-    The whole state is read only to tell since when conditions fail, and what is expected to break while it runs.
+    The whole state is read only to tell what is expected to break while it runs.
     """
-    action = _grounded(domain, world, operator, arguments)
+    world = state.snapshot
+    action = _grounded(state.domain, world, operator, arguments)
     if duration is None:
         failing = planning.unsatisfied(action, world)
         length = None if failing or not action.action.durative else fixed_duration(action, world)
@@ -291,7 +293,7 @@ def applicability(
         length = chosen_duration(action, world, given_duration(duration))
         failing = planning.unsatisfied(action, world, duration=length.seconds)
     if failing:
-        return _explained(read_state(), failing)
+        return _explained(state, failing)
     if length is None:
         return Applicability([])
     seconds = length.seconds
@@ -321,13 +323,13 @@ def _at_start(state: State, action: GroundAction, *, duration: float | None = No
     return effects.evaluate(action, Timing.AT_START, world, duration=duration)
 
 
-def _explained(state: State, failing: Sequence[Failing]) -> Applicability:
+def _explained(state: Explained, failing: Sequence[Failing]) -> Applicability:
     return Applicability([FailingCondition(condition_text(c), _since(state, c), truth) for c, truth in failing])
 
 
-def _since(state: State, condition: Formula) -> int | None:
+def _since(state: Explained, condition: Formula) -> int | None:
     try:
-        if state.holds(condition):
+        if conditions.truth(condition, state.snapshot) is Truth.TRUE:
             # the at-start effects of the action itself are what an over-all condition fails by
             return state.at
         return state.explain(condition).since

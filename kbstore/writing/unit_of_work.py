@@ -435,7 +435,7 @@ class OpenTransaction:
     def applicable(self, operator: str, *arguments: str, duration: DurationLike | None = None) -> Applicability:
         """Return whether an operator can be applied to the state as the transaction has it (rule O1)."""
         state = self.state()
-        return applicability(state.domain, state.snapshot, lambda: state, operator, arguments, duration)
+        return applicability(state, lambda: state, operator, arguments, duration)
 
     def apply(self, operator: str, *arguments: str) -> None:
         """Do the whole of an instantaneous action (rules O2, O3)."""

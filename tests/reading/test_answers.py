@@ -50,6 +50,9 @@ def answers(kb):
             found.append(kb.value(number))
         except KbStoreError as error:
             found.append(type(error))
+    found += [kb.instances(), kb.instances("place", include_subtypes=True), kb.propositions(), kb.propositions("at")]
+    found += [kb.functions("charge"), kb.goals(), kb.metric(), kb.timed_knowledge("open"), kb.query(*QUESTIONS[:5])]
+    found += [kb.applicable("go", "r0", "p0", place) for place in ("hall", "p1") if kb.holds(f"{place} - place")]
     return found
 
 
@@ -57,7 +60,10 @@ def write_something(kb, clock, chance):
     """One more transaction, for now or for a little later."""
     atoms = ("(open p0)", "(open p1)", "(alarm)", "(at r0 p0)", "(at r0 p1)", "(linked p0 p1)", "(linked p1 hall)")
     later = {"initial_time": clock.now() + seconds(chance.randrange(1, 5))} if chance.random() < 0.4 else {}
-    match chance.randrange(8):
+    match chance.randrange(9):
+        case 8:
+            kb.add_goal(chance.choice(GOALS))
+            kb.add_metric(chance.choice(("minimize (cost)", "maximize (charge r0)")))
         case 0:
             kb.remove(chance.choice(atoms), **later)
         case 1:
