@@ -184,9 +184,10 @@ class ItemReader:
 
     def _atom(self, name: str, arguments: tuple[str, ...]) -> KnowledgeItem:
         """Make a fact, or the question whether a function is defined."""
-        if self.scope.is_function(name):
-            return function_of(Atom(name, arguments), self.function(name), None)
-        return fact_of(Atom(name, arguments), self.predicate(name))
+        predicate = self.predicate(name)
+        if predicate is None and (function := self.function(name)) is not None:
+            return function_of(Atom(name, arguments), function, None)
+        return fact_of(Atom(name, arguments), predicate)
 
     def _compared(self, group: Group) -> KnowledgeItem:
         """Read a comparison: ``(= (f a) 3)`` is the value of a function, every other one an inequality."""

@@ -42,7 +42,7 @@ class Group(list["str | Group"]):
 
     def is_flat(self) -> bool:
         """Return whether there are words only, and no inner groups."""
-        return all(isinstance(node, str) for node in self)
+        return Group not in map(type, self)
 
 
 Node = str | Group
@@ -55,6 +55,8 @@ class SourceText:
     def __init__(self, text: str, name: str | None = None) -> None:
         self.text = text
         self.name = name
+        # with its comments blanked out, so that offsets stay
+        self._code = _COMMENT.sub(lambda comment: " " * len(comment.group()), text) if ";" in text else text
         self._located: Group | None = None
         self._offsets: list[int] = []
 
@@ -159,11 +161,6 @@ class SourceText:
         if stack:
             raise self._unclosed([*stack[1:], current])
         return top
-
-    @cached_property
-    def _code(self) -> str:
-        """The text with its comments blanked out, so that offsets stay."""
-        return _COMMENT.sub(lambda comment: " " * len(comment.group()), self.text) if ";" in self.text else self.text
 
     @cached_property
     def _line_starts(self) -> list[int]:

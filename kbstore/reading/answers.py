@@ -26,7 +26,6 @@ from kbstore.reading.reader import Reader
 from kbstore.reading.resolver import TemporalPoint
 from kbstore.reading.state import query_result
 from kbstore.storage.caches import LRU
-from kbstore.storage.connection import AnswerCache, StoreConnection
 from kbstore.storage.repository import Repository
 
 _Prepared = PreparedCondition | PreparedExpression
@@ -121,7 +120,8 @@ class Answers:
         """What is computed of the state at a time, which no caller changes; remembered by a name, if it has one."""
         connection = self._database.checkout()
         try:
-            memory = self._memory(connection) if at is None and name is not None else None
+            is_remembered = self._remembers and at is None and name is not None
+            memory = connection.memory(self._reader.kb) if is_remembered else None
             if memory is not None:
                 known: tuple[int, Computed[_Value]] | None = memory.computed.get(name)
                 if known is not None and known[0] <= self._clock.now() < known[1].until:
@@ -165,7 +165,8 @@ class Answers:
         connection = self._database.checkout()
         try:
             answers = None
-            if at is None and as_of is None and (memory := self._memory(connection)) is not None:
+            is_remembered = self._remembers and at is None and as_of is None
+            if is_remembered and (memory := connection.memory(self._reader.kb)) is not None:
                 answers = getattr(memory, form.remembered)
                 remembered = self._remembered(answers, name)
                 if remembered is not None:
@@ -188,12 +189,6 @@ class Answers:
             return answer.at(since) if type(answer) is Number else answer  # type: ignore[return-value]
         finally:
             self._database.checkin(connection)
-
-    def _memory(self, connection: StoreConnection) -> AnswerCache | None:
-        """The answers about now that are remembered on a connection; None where none are."""
-        if not self._remembers or connection.in_transaction:
-            return None
-        return connection.memory(self._reader.kb)
 
     def _remembered(self, answers: LRU[Any, Any], name: object) -> _Answer | None:
         """The answer that is remembered, if it is right now."""
@@ -269,7 +264,7 @@ class Answers:
         names = [item if type(item) is str else question_key(item) for item in items]
         connection = self._database.checkout()
         try:
-            memory = self._memory(connection) if at is None else None
+            memory = connection.memory(self._reader.kb) if self._remembers and at is None else None
             domain = self._domains.latest.domain
             if memory is not None and domain is not None:
                 # all of one commit

@@ -148,7 +148,13 @@ class StoreConnection(ABC):
         return row
 
     def memory(self, kb: int) -> AnswerCache | None:
-        """The answers about a knowledge base that may be remembered; None where others' commits are not noticed."""
+        """The answers about a knowledge base that may be remembered, outside of transactions.
+
+        None where commits of other connections are not noticed.
+        """
+        return None if self.in_transaction else self._answers(kb)
+
+    def _answers(self, kb: int) -> AnswerCache | None:
         return None
 
     @abstractmethod

@@ -63,7 +63,7 @@ class PostgresqlConnection(StoreConnection):
         """Wait for the answers of this use without a deadline: for maintenance."""
         self._wait(None)
 
-    def memory(self, kb: int) -> AnswerCache | None:
+    def _answers(self, kb: int) -> AnswerCache | None:
         """The answers that may be remembered, while notifications arrive."""
         subscription = self.options.subscription
         return None if subscription is None else subscription.answers()

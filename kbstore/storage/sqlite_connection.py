@@ -93,7 +93,7 @@ class SqliteConnection(StoreConnection):
 
     # -- statements -------------------------------------------------------------------------------------------
 
-    def memory(self, kb: int) -> AnswerCache:
+    def _answers(self, kb: int) -> AnswerCache:
         """The answers remembered on this connection, dropped first if another one has committed to `kb` since.
 
         Right outside of transactions, and only where nobody else writes on this very connection. Source:
@@ -104,12 +104,12 @@ class SqliteConnection(StoreConnection):
         except self._error as error:
             raise self._failure(error) from error
         if version != self._data_version:
-            self._data_version = version
             row = self.first(queries.last_token, {"kb": kb})
             token = 0 if row is None else row[0]
             if token != self._memory.token:
                 self._memory.clear()
                 self._memory.token = token
+            self._data_version = version
         return self._memory
 
     def announce(self, kb: int, number: int) -> None:

@@ -110,7 +110,7 @@ class Flush:
                 is_touched = True
                 writes.settles[kind].append((stored, end))
         writes.changes += changed
-        if is_touched or changed:
+        if track.timeline.id and (is_touched or changed):
             writes.touched.append(track.timeline)
 
     def _standing(self, track: TimelineState) -> tuple[Line, bool]:

@@ -291,8 +291,7 @@ class OpenTransaction:
         handlers, symbols = self._handlers_since(since, until)
         batch = Batch(self.now, _time(initial_time, self.now))
         with gc_paused():
-            for update in updates:
-                batch.read_update(update, handlers, symbols)
+            batch.read_updates(updates, handlers, symbols)
             self._apply_batch(batch)
 
     def _handlers_since(

@@ -3,6 +3,7 @@
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
+from itertools import groupby
 from typing import Any, TypeVar
 
 from kbstore.errors import InvalidKnowledge, KbStoreError, UnknownSymbol
@@ -79,26 +80,26 @@ class Batch:
                 self.steps.append(partial(_fail, knowledge, error))
         self.add(role, items, handler)
 
-    def read_update(self, update: object, handlers: Handlers | LateHandlers, symbols: SymbolTable) -> None:
-        """The same for a pair of an `UpdateType` and its item."""
-        try:
-            kind, given = _kind_and_knowledge(update)
-        except KbStoreError as error:
-            self.steps.append(partial(_fail, update, error))
-            return
-        match kind:
-            case UpdateType.ADD_KNOWLEDGE:
-                self.read(Role.STATE, items_in, handlers.add, [given], symbols)
-            case UpdateType.REMOVE_KNOWLEDGE:
-                self.read(Role.STATE, items_in, handlers.remove, [given], symbols)
-            case UpdateType.ADD_GOAL:
-                self.read(Role.GOAL, goals_in, handlers.add_goal, [given], symbols)
-            case UpdateType.REMOVE_GOAL:
-                self.read(Role.GOAL, goals_in, handlers.remove_goal, [given], symbols)
-            case UpdateType.ADD_METRIC:
-                self.read(Role.STATE, items_in, handlers.add_metric, [given], symbols)
-            case UpdateType.REMOVE_METRIC:
-                self.read(Role.STATE, items_in, handlers.remove_metric, [given], symbols)
+    def read_updates(self, updates: Iterable[Any], handlers: Handlers | LateHandlers, symbols: SymbolTable) -> None:
+        """The same for pairs of an `UpdateType` and its item."""
+        for kind, group in groupby(updates, _kind):
+            if kind is None:
+                self.steps += [partial(_refuse, update) for update in group]
+                continue
+            given = [update[1] for update in group]
+            match kind:
+                case UpdateType.ADD_KNOWLEDGE:
+                    self.read(Role.STATE, items_in, handlers.add, given, symbols)
+                case UpdateType.REMOVE_KNOWLEDGE:
+                    self.read(Role.STATE, items_in, handlers.remove, given, symbols)
+                case UpdateType.ADD_GOAL:
+                    self.read(Role.GOAL, goals_in, handlers.add_goal, given, symbols)
+                case UpdateType.REMOVE_GOAL:
+                    self.read(Role.GOAL, goals_in, handlers.remove_goal, given, symbols)
+                case UpdateType.ADD_METRIC:
+                    self.read(Role.STATE, items_in, handlers.add_metric, given, symbols)
+                case UpdateType.REMOVE_METRIC:
+                    self.read(Role.STATE, items_in, handlers.remove_metric, given, symbols)
 
 
 def _fail(given: object, error: KbStoreError) -> Violations:
@@ -108,13 +109,19 @@ def _fail(given: object, error: KbStoreError) -> Violations:
     raise error
 
 
-def _kind_and_knowledge(update: object) -> tuple[UpdateType, Any]:
-    """The kind and the knowledge of an update in a list. Raises `InvalidKnowledge` for anything but a pair."""
-    if isinstance(update, tuple | list) and len(update) == 2:
-        try:
-            return UpdateType(update[0]), update[1]
-        except ValueError:
-            pass
+def _kind(update: object) -> UpdateType | None:
+    """The kind of an update; None for anything but a pair of a kind and knowledge."""
+    if not isinstance(update, (tuple, list)) or len(update) != 2:
+        return None
+    if type(update[0]) is UpdateType:
+        return update[0]
+    try:
+        return UpdateType(update[0])
+    except ValueError:
+        return None
+
+
+def _refuse(update: object) -> Violations:
     kinds = ", ".join(f"{known.name} {known.value}" for known in UpdateType)
     raise InvalidKnowledge(
         f"{update!r:.100} is not an update; give pairs like (UpdateType.ADD_KNOWLEDGE, '(visited wp7)'), "
