@@ -1,7 +1,7 @@
 """Parameters of requests: the knowledge base, times, beliefs, knowledge."""
 
 import re
-from typing import Annotated
+from typing import Annotated, overload
 
 from fastapi import Depends, Query, Request
 
@@ -12,7 +12,7 @@ from kbstore.report.belief import named_transaction
 from kbstore.serve.store import Store
 
 LONGEST = 20_000
-"""The characters of a condition, at most."""
+"""The most characters of a condition."""
 
 MOST_NUMBER = 2**62
 
@@ -58,10 +58,16 @@ Pattern = Annotated[
 After = Annotated[int, Query(description="Only what comes after this transaction.", ge=0, le=MOST_NUMBER)]
 
 
+@overload
+def moment(text: str) -> int | str: ...
+@overload
+def moment(text: None) -> None: ...
+@overload
+def moment(text: str | None) -> int | str | None: ...
 def moment(text: str | None) -> int | str | None:
-    """Return a time as kbstore takes it.
+    """Return a time as kbstore takes it; None for None.
 
-    A plus sign in an address that nobody has escaped arrives as a space.
+    A plus sign that is not escaped in an address arrives as a space.
 
     >>> moment(" 5m"), moment("2026-05-04T09:00:00 02:00"), moment("1500000000")
     ('+5m', '2026-05-04T09:00:00+02:00', 1500000000)
@@ -73,5 +79,5 @@ def moment(text: str | None) -> int | str | None:
 
 
 def belief(text: str | None, kb: kbstore.KnowledgeBase) -> AsOf | None:
-    """Return whose belief is asked for: a time, or a transaction (``tx12``)."""
+    """Return the time, or the transaction (``tx12``), whose belief is asked for."""
     return None if text is None else named_transaction(text, kb) or moment(text)

@@ -1,4 +1,4 @@
-"""The questions: a GET for each, with the answer of the method of that name."""
+"""The questions: a GET for each, answered by the method of that name."""
 
 from collections.abc import Callable, Coroutine
 from itertools import islice
@@ -51,7 +51,7 @@ _VALUE: Shape[dict[str, Any]] = Shape(answers.Value)
 async def answered(
     store: Store, kb: aio.KnowledgeBase, shape: Shape[Answer], ask: Callable[[kbstore.KnowledgeBase], Answer]
 ) -> Response:
-    """Ask in a thread, and write the answer as JSON there, too; a large one would keep everybody else waiting."""
+    """Ask in a thread, and write the answer as JSON there, too, as a large one would keep everybody else waiting."""
     return _response(store, await store.read(kb, lambda plain: shape.json(ask(plain))))
 
 
@@ -178,13 +178,9 @@ async def when(
     """The intervals in which a condition is true; without `until` they end now."""
 
     def ask(plain: kbstore.KnowledgeBase) -> list[tuple[int, int]]:
-        first = moment(since)
-        return plain.when(
-            condition,
-            plain.history_from if first is None else first,
-            moment(until) or "now",
-            belief(as_of, plain),
-        )
+        first = plain.history_from if since is None else moment(since)
+        last = "now" if until is None else moment(until)
+        return plain.when(condition, first, last, belief(as_of, plain))
 
     return await answered(store, kb, _INTERVALS, ask)
 
@@ -200,7 +196,7 @@ async def diff(
     """What became true or false, was withdrawn, or changed between two times."""
 
     def ask(plain: kbstore.KnowledgeBase) -> kbstore.Diff:
-        return plain.diff(moment(before) or 0, moment(after) or 0, belief(as_of, plain))
+        return plain.diff(moment(before), moment(after), belief(as_of, plain))
 
     return await answered(store, kb, _DIFFERENCE, ask)
 

@@ -132,6 +132,7 @@ def test_questions_over_time(mission, kb):
         {"start": "2026-05-04T09:00:30Z", "end": "2026-05-04T09:01:00Z"},
         {"start": "2026-05-04T09:04:00Z", "end": AFTER},
     ]
+    assert mission("when", condition="(open lab_door)", since="0", until="0") == []
     differs = mission("diff", before=FIRE, after=AFTER)
     assert "(open lab_door)" in pddl(differs["became_true"])
     assert differs["metric"] is None
