@@ -1,7 +1,7 @@
 """Answers as a few lines of text for a language model.
 
-Knowledge is PDDL, times are ISO 8601. An answer has a bounded length; where something is left out, its last line says
-how much, and how to ask for less. What clients wrote comes on the line of what it belongs to, without line breaks.
+Knowledge is PDDL, times are ISO 8601. An answer has a bounded length; where something is left out, a line says how
+much, and how to ask for less. Texts of clients are on the line of what they belong to, without line breaks.
 """
 
 from collections import Counter, defaultdict
@@ -34,7 +34,7 @@ LONGEST_TEXT = 4000
 
 
 def vocabulary(domain: Domain | None) -> str:
-    """The symbols of a domain, as an agent has to write them."""
+    """Write the symbols of a domain, as an agent has to write them."""
     if domain is None:
         return "No domain is loaded: any predicate and function may be used."
     actions = [Signature(action.name, action.parameters) for action in domain.actions.values()]
@@ -50,7 +50,7 @@ def vocabulary(domain: Domain | None) -> str:
 
 
 def state_text(shown: Selection) -> str:
-    """Return a selection of a state as text, in parts without the empty ones."""
+    """Write a selection of a state, in parts without the empty ones."""
     state = shown.state
     scheduled = [f"{item} at {isoformat(item.initial_time)}" for item in shown.timed_knowledge]
     found: list[tuple[str, Sequence[str]]] = [
@@ -79,13 +79,13 @@ def state_text(shown: Selection) -> str:
 
 
 def moment(state: State) -> str:
-    """The time of a state, and of the belief."""
+    """Write the time of a state, and of the belief."""
     believed = "" if state.as_of is None else f", as believed at {isoformat(state.as_of)}"
     return f"at {isoformat(state.at)}{believed}"
 
 
 def bindings_text(bindings: Sequence[Mapping[str, str]]) -> str:
-    """Bindings of variables, one per line."""
+    """Write bindings of variables, one per line."""
     if not bindings or not bindings[0]:
         return "true, and it has no variables" if bindings else "none"
     lines = [", ".join(f"?{name} = {value}" for name, value in row.items()) for row in bindings]
@@ -93,13 +93,13 @@ def bindings_text(bindings: Sequence[Mapping[str, str]]) -> str:
 
 
 def history_text(assertions: Sequence[Assertion]) -> str:
-    """Assertions in order of time; of many, the latest."""
+    """Write assertions in order of time; if there are many, the latest."""
     lines = [_assertion(found) for found in assertions]
     return _latest(lines, [found.initial_time for found in assertions], "assertion") or "nothing is recorded of it"
 
 
 def intervals_text(found: Intervals) -> str:
-    """The intervals in which a condition is true; of many, the latest."""
+    """Write the intervals in which a condition is true; if there are many, the latest."""
     if not found:
         return "never true in that span"
     lines = [f"{isoformat(start)} until {isoformat(end)} ({span(end - start)})" for start, end in found]
@@ -108,7 +108,7 @@ def intervals_text(found: Intervals) -> str:
 
 
 def diff_text(diff: Diff) -> str:
-    """The differences between two times, by what became of them."""
+    """Write the differences between two times, in parts: became true, became false, and so on."""
     metric = [] if diff.metric is None else [f"{diff.metric[0] or 'none'} -> {diff.metric[1] or 'none'}"]
     numbers = [f"{item.atom} {_value(before)} -> {_value(after)}" for item, before, after in diff.numbers]
     found: list[tuple[str, Sequence[object]]] = [
@@ -125,26 +125,26 @@ def diff_text(diff: Diff) -> str:
 
 
 def runs_text(runs: Sequence[Run]) -> str:
-    """Runs in the order of their starts; of many, the latest."""
+    """Write runs in the order of their starts; if there are many, the latest."""
     lines = [_run(run) for run in runs]
     return _latest(lines, [run.started for run in runs], "run") or "nothing ran in that span"
 
 
 def explanation_text(explanation: Explanation) -> str:
-    """Why a condition is what it is, with the parts that decide it below."""
+    """Write why a condition is true, false or unknown, with the parts that decide it below."""
     lines = list(_explained(explanation))
     return _listed(lines, "line", "explain a part of the condition")
 
 
 def applicability_text(action: str, answer: Applicability) -> str:
-    """Whether an action can be applied, and which conditions fail since when."""
+    """Write whether an action can be applied, and which conditions fail since when."""
     if answer:
         return f"{action} is applicable"
     return "\n".join([f"{action} is not applicable:", *(_line(str(failing)) for failing in answer.failing)])
 
 
 def recorded_text(done: Transaction) -> str:
-    """Return the result of a transaction as text."""
+    """Write the result of a transaction."""
     if not done.changes:
         return f"nothing changed: it is known already, or does not hold; the latest transaction is tx{done.number}"
     return f"recorded as tx{done.number} at {isoformat(done.time)}: {plural(done.changes, 'change')}"
@@ -154,7 +154,7 @@ def recorded_text(done: Transaction) -> str:
 
 
 def _parts(parts: Sequence[tuple[str, Sequence[str]]], narrower: Callable[[str, int], str]) -> Iterator[str]:
-    """Several parts, each under its name; `narrower` says how to see the lines of a part from one on."""
+    """Yield parts, each under its name; `narrower` returns how to see the lines of a part from a number on."""
     sizes = [len(found) for _, found in parts]
     # a short part leaves its lines to the others
     shares = range(MOST_LINES, FEWEST_LINES, -1)
@@ -177,7 +177,7 @@ def _latest(lines: Sequence[str], times: Sequence[int], what: str) -> str:
     shown = [_line(line) for line in lines[-MOST_LINES:]]
     left = len(lines) - len(shown)
     if left:
-        # what begins at the time of the first that is shown is not before it
+        # if the last that is left out begins together with the first that is shown, `until` would leave both out
         earlier = (
             f'ask with until="{isoformat(times[left])}"' if times[left - 1] < times[left] else "narrow the pattern"
         )
@@ -192,19 +192,19 @@ def _line(text: str) -> str:
 
 
 def cut(text: str, longest: int) -> str:
-    """A text without what is beyond a length, and how much that is."""
+    """Cut a text to a length, and append how much was cut."""
     return text if len(text) <= longest else f"{text[:longest]} ... ({len(text) - longest:,} more characters)"
 
 
 def _spaced(texts: Iterable[str]) -> Iterator[str]:
-    """Texts with commas between them where they are not in brackets."""
+    """Yield texts with commas between them where they are not in brackets."""
     *first, last = texts
     yield from (text if text.endswith(")") else f"{text}," for text in first)
     yield last
 
 
 def _pattern(item: KnowledgeItem) -> str:
-    """A pattern that matches an item and its like."""
+    """Return a pattern that matches an item and others of its predicate, function or type."""
     if isinstance(item, Fact | Function):
         return f"({' '.join((item.attribute_name, *'?' * len(item.arguments)))})"
     return f"? - {item.instance_type}" if isinstance(item, Instance) else str(item)

@@ -42,7 +42,7 @@ class Item(_Answer):
     rate: float | None = None
     """How fast a number changes, per second."""
     since: Time | None = None
-    """Since when it holds, or from when on it is to."""
+    """The time since when it holds, or from which on it is scheduled to."""
 
     @model_validator(mode="before")
     @classmethod
@@ -70,7 +70,7 @@ class Transaction(_Answer):
     client: str
     note: str
     changes: int
-    """How many timelines it changed; 0 where it was not recorded, as there was nothing to change."""
+    """How many timelines it changed; 0 if there was nothing to change, and nothing was recorded."""
 
 
 class Assertion(_Answer):
@@ -96,7 +96,7 @@ class Broken(_Answer):
 
 
 class Run(_Answer):
-    """A durative action that runs, or ran; its duration in seconds."""
+    """A durative action that runs, or ran; `seconds` is its duration."""
 
     number: int
     operator: str
@@ -225,7 +225,7 @@ class Served(_Answer):
 
     name: str
     page: str
-    """Where its timeline is."""
+    """The address of its timeline."""
 
 
 class Shape(Generic[T]):

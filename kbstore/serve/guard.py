@@ -1,4 +1,4 @@
-"""Who may ask: the host that a request names, its origin, its token, and whether it may write."""
+"""Access control: checks the host that a request names, its origin, its token, and whether it may write."""
 
 import hashlib
 import hmac
@@ -17,7 +17,7 @@ from kbstore.serve.problems import problem
 COOKIE = "kbstore_token"
 READING = ("GET", "HEAD", "OPTIONS")
 SHORTEST = 16
-"""The characters of a token, at least: it is all that is between the network and the store."""
+"""The fewest characters of a token: nothing else is between the network and the store."""
 
 HEADERS = {
     "X-Content-Type-Options": "nosniff",
@@ -28,7 +28,7 @@ HEADERS = {
 
 
 def is_loopback(host: str) -> bool:
-    """Whether only this machine reaches an address."""
+    """Return whether an address can be reached from this machine only."""
     if host == "localhost":
         return True
     try:
@@ -38,7 +38,7 @@ def is_loopback(host: str) -> bool:
 
 
 def refuse_unsafe(host: str, token: str | None) -> None:
-    """Raise `InvalidKnowledge` where others could ask without a token, or with one that is soon guessed."""
+    """Raise `InvalidKnowledge` if other machines could ask without a token, or with one that is easily guessed."""
     if token is None and not is_loopback(host):
         raise InvalidKnowledge(
             f"{host} can be reached from other machines, and needs a token: set KBSTORE_TOKEN, or give --token; "
@@ -51,11 +51,11 @@ def refuse_unsafe(host: str, token: str | None) -> None:
 
 
 class Guard:
-    """A layer around the application that refuses what may not be asked, and says what a browser may do with answers.
+    """ASGI middleware that refuses requests without access, and sets headers that restrict browsers.
 
-    Without a token, the host has to be this machine: otherwise the page of another site, whose name suddenly leads here
-    (DNS rebinding), could read the store. Requests of other sites' pages are refused unless their origin is allowed.
-    A browser is given the token once, in the address (``?token=...``), and gets a cookie for it, which may only read.
+    Without a token, the host has to be this machine: otherwise the page of another site could read the store by a name
+    that it points here (DNS rebinding). Requests of other sites' pages are refused unless their origin is allowed. A
+    browser gives the token once, in the address (``?token=...``), and gets a cookie for it, which can only read.
     """
 
     def __init__(
@@ -64,7 +64,7 @@ class Guard:
         self._app = app
         self._hosts = None if token is not None else {"localhost", "127.0.0.1", "::1", host}
         self._token = None if token is None else token.encode()
-        # what the browser keeps is of no use elsewhere
+        # the cookie is not the token, so that a stolen one cannot write
         self._cookie = None if token is None else hashlib.sha256(b"cookie " + token.encode()).hexdigest().encode()
         self._allow_writes = allow_writes
         self._origins = set(allow_origins)
@@ -94,7 +94,7 @@ class Guard:
         if origin is not None and origin not in self._origins and origin != f"{scope['scheme']}://{host}":
             return problem(403, f"pages of {origin} may not ask here; allow them with --allow-origin {origin}")
         if scope["method"] == "OPTIONS" and origin in self._origins:
-            # what a browser asks before it sends the token
+            # a preflight request, which has no token yet
             return None
         if self._token is not None and not self._has_token(headers, is_reading=is_reading):
             return self._welcome(scope) or problem(
@@ -116,7 +116,7 @@ class Guard:
         return is_reading and kept is not None and hmac.compare_digest(kept.value.encode(), self._cookie)
 
     def _welcome(self, scope: Scope) -> Response | None:
-        """A cookie for a browser that gives the token in the address, and the way to the address without it."""
+        """Answer a browser with the token in its address: a cookie, and a redirect to the address without the token."""
         if scope["method"] != "GET":
             return None
         asked = parse_qsl(scope["query_string"].decode("latin-1"), keep_blank_values=True)
@@ -125,7 +125,7 @@ class Guard:
         if not hmac.compare_digest(given.encode(), self._token):
             return None
         rest = urlencode([(name, value) for name, value in asked if name != "token"])
-        # only the query changes: a path could lead elsewhere
+        # relative and without a path, which could lead to another site
         response = RedirectResponse(f"?{rest}", 303)
         response.set_cookie(
             COOKIE, self._cookie.decode(), httponly=True, samesite="strict", secure=scope["scheme"] == "https"

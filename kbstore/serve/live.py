@@ -24,7 +24,7 @@ POLL = 0.1
 """Seconds between two looks at the store."""
 
 HEARTBEAT = 1.0
-"""Seconds after which a page is told the time, and a stream that it still lives."""
+"""Seconds between two events with the time; a stream of changes sends a comment after 15 times as many."""
 
 MOST_SHOWN = 5000
 """The number of transactions, the latest, that the page shows if no span is asked for."""
@@ -57,10 +57,11 @@ async def changes_stream(
 ) -> StreamingResponse:
     """The changes as they happen, also by the clock alone, as server-sent events.
 
-    The id of an event is the number of its transaction: who comes back with it as `Last-Event-ID` goes on after it.
+    The id of an event is the number of its transaction: a client that comes back with it as `Last-Event-ID` goes on
+    after it.
     """
     known = int(last_event) if last_event and last_event.isdecimal() else after
-    # refused before the answer begins
+    # awaited here, so that a wrong pattern is refused before the answer begins
     watch = await kb.watch(pattern, known, poll=POLL)
     return _stream(_changes(store, watch))
 
@@ -85,7 +86,7 @@ async def timeline(
     pattern: Patterns = None,
     since: Since = None,
 ) -> HTMLResponse:
-    """The timeline of a knowledge base; of several, a list of them."""
+    """Show the timeline of a knowledge base; if there are several and none is named, a list of them."""
     names = await store.names() if kb is None else [kb]
     if len(names) != 1:
         return HTMLResponse(_index(names))
@@ -95,7 +96,7 @@ async def timeline(
         asked: list[tuple[str, str | int]] = [("kb", plain.name), ("known", data["latest"])]
         asked += [("pattern", each) for each in pattern or ()]
         if data["base"]:
-            # the page begins there also when more has happened
+            # the page keeps its beginning, also when the latest transactions are later ones
             asked.append(("since", data["origin"]))
         return page({**data, "stream": f"timeline/stream?{urlencode(asked)}"})
 
@@ -111,7 +112,7 @@ async def timeline_stream(
     since: Since = None,
     last_event: LastEvent = None,
 ) -> StreamingResponse:
-    """Yield the updates of a page as they happen; for a page that was away, all of its data."""
+    """Send the updates of a page as they happen; to a page that was disconnected, all of its data."""
     watch = await kb.watch(poll=POLL)
     return _stream(
         _patches(store, kb, watch, lambda plain: _data(plain, pattern, since), None if last_event else known)
@@ -146,7 +147,7 @@ async def _patches(
             except StopAsyncIteration:
                 return
             if change.number <= data["latest"] and change.time <= int(data["origin"]) + data["now"]:
-                # it is in the last picture, which was made after it
+                # the data were read after the change
                 continue
             begin = monotonic()
             before, data = data, await store.read(kb, shown)
@@ -154,12 +155,12 @@ async def _patches(
                 yield _event("data", as_json(data), data["latest"])
             else:
                 yield _event("patch", as_json(difference(before, data)), data["latest"])
-            # a large history is not read all the time
+            # a large history takes long to read, and is read less often
             await asyncio.sleep(min(5.0, 2 * (monotonic() - begin)))
 
 
 def difference(before: dict[str, Any], after: dict[str, Any]) -> dict[str, Any]:
-    """Return what differs: plain values as they are, of each list its length and the entries that are others.
+    """Return what differs: plain values as they are, and for each list its length and the entries that changed.
 
     >>> difference({"now": 1, "rows": ["a", "b"]}, {"now": 2, "rows": ["a", "c", "d"]})
     {'now': 2, 'rows': [3, [[1, 'c'], [2, 'd']]]}

@@ -54,7 +54,7 @@ RESPONSES: dict[int | str, dict[str, Any]] = {
 
 
 class Refused(Exception):
-    """A request that is refused by the service itself."""
+    """Raised for a request that the service itself refuses."""
 
     def __init__(self, status: int, detail: str, **headers: str) -> None:
         super().__init__(detail)
@@ -81,7 +81,7 @@ def of_error(error: errors.KbStoreError) -> JSONResponse:
 
 
 def install(app: FastAPI) -> None:
-    """Answer with problems whatever goes wrong in an application."""
+    """Let an application answer with a problem for each error."""
 
     @app.exception_handler(errors.KbStoreError)
     async def _kbstore(request: Request, error: errors.KbStoreError) -> JSONResponse:

@@ -1,4 +1,4 @@
-"""The server: uvicorn, which ends the streams before it waits for them."""
+"""The server: uvicorn, which ends streams before it waits for connections."""
 
 import socket
 from collections.abc import Callable
@@ -10,7 +10,7 @@ from kbstore.errors import StoreUnavailable
 
 
 def listen(host: str, port: int) -> socket.socket:
-    """Return a socket that listens; port 0 takes a free one. Raises `StoreUnavailable` where that cannot be."""
+    """Return a socket that listens; port 0 takes a free one. Raises `StoreUnavailable` if the address is not free."""
     try:
         return socket.create_server((host, port), family=socket.AF_INET6 if ":" in host else socket.AF_INET)
     except OSError as error:
@@ -27,7 +27,7 @@ class Server(uvicorn.Server):
         self._ready = ready
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        """Begin to answer, and tell where."""
+        """Begin to answer, and report the addresses."""
         await super().startup(sockets)
         for each in sockets or ():
             host, port = each.getsockname()[:2]

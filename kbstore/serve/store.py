@@ -1,4 +1,4 @@
-"""The knowledge bases of one store, each opened once, when somebody asks for it."""
+"""The knowledge bases of one store, each opened when it is first asked for."""
 
 import asyncio
 import os
@@ -25,8 +25,8 @@ class Store:
     """The knowledge bases of one store, for the tasks of one event loop.
 
     Attributes:
-        patience: Seconds that an answer may take.
-        most: Bytes that it may have.
+        patience: The most seconds that an answer may take.
+        most: The most bytes that it may have.
     """
 
     def __init__(
@@ -58,7 +58,7 @@ class Store:
         return self._opened.get(self._only if name is None else name)
 
     async def get(self, name: str | None) -> aio.KnowledgeBase:
-        """The knowledge base of a name; without one, the only one, which stays what is meant."""
+        """Return the knowledge base of a name; without a name the only one, also after others have been created."""
         found = self.opened(name)
         if found is not None:
             return found
@@ -76,7 +76,7 @@ class Store:
         return self._opened[name]
 
     async def read(self, kb: aio.KnowledgeBase, function: Callable[[kbstore.KnowledgeBase], Found]) -> Found:
-        """Ask a knowledge base in a thread. Raises `Refused` for what takes longer than the patience."""
+        """Ask a knowledge base in a thread. Raises `Refused` if the answer takes longer than `patience`."""
         try:
             async with asyncio.timeout(self.patience):
                 return await kb.read(function)
@@ -87,7 +87,7 @@ class Store:
 
     @asynccontextmanager
     async def following(self, watch: aio.Watch[kbstore.Change]) -> AsyncIterator[aio.Watch[kbstore.Change]]:
-        """Follow what is watched, until `stop`. Raises `Refused` where too many do."""
+        """Follow a watch, until `stop`. Raises `Refused` if too many streams are followed."""
         if len(self._watches) >= MOST_WATCHES:
             raise Refused(503, f"{MOST_WATCHES} streams are followed already; end one, or come back later")
         self._watches.add(watch)
@@ -98,7 +98,7 @@ class Store:
             self._watches.discard(watch)
 
     def stop(self) -> None:
-        """End what is followed, so that the server can stop."""
+        """End all streams, so that the server can stop."""
         for watch in self._watches:
             watch.close()
 

@@ -1,4 +1,4 @@
-"""The changes: a POST for each, where the service may write; each is one transaction."""
+"""The changes: a POST for each, which is one transaction, if the service may write."""
 
 from collections.abc import Callable
 from typing import Annotated, Any
@@ -34,19 +34,19 @@ class _Body(BaseModel):
         return {"client": self.client, "note": self.note}
 
 
-class Told(_Body):
-    """Knowledge, and when it is about."""
+class Update(_Body):
+    """Knowledge to add or remove, and its valid time."""
 
     items: Items
     initial_time: Time = None
-    """From when on it holds; a later time than now makes it scheduled."""
+    """The time from which on it holds; a time after now makes it scheduled."""
     since: Time = None
-    """Since when it has held, in the past: late knowledge."""
+    """The past time since which it has held, for late knowledge."""
     until: Time = None
 
 
 class Replacement(_Body):
-    """All that is to hold."""
+    """All knowledge that is to hold."""
 
     items: Annotated[list[Pddl], Field(max_length=MOST_ITEMS)]
 
@@ -86,11 +86,11 @@ class Ended(answers.Transaction):
     broken: list[answers.Broken]
 
 
-def _telling(path: str, method: Callable[..., Any], summary: str) -> None:
+def _updating(path: str, method: Callable[..., Any], summary: str) -> None:
     @router.post(path, response_model=answers.Transaction, summary=summary, operation_id=path[1:].replace("-", "_"))
-    async def tell(kb: Kb, told: Told) -> Any:
-        times = {name: moment(getattr(told, name)) for name in ("initial_time", "since", "until")}
-        return await kb.write(lambda plain: method(plain, *told.items, **times, **told.by))
+    async def update(kb: Kb, body: Update) -> Any:
+        times = {name: moment(getattr(body, name)) for name in ("initial_time", "since", "until")}
+        return await kb.write(lambda plain: method(plain, *body.items, **times, **body.by))
 
 
 for _path, _method, _summary in (
@@ -99,7 +99,7 @@ for _path, _method, _summary in (
     ("/add-goal", kbstore.KnowledgeBase.add_goal, "Add to the goal"),
     ("/remove-goal", kbstore.KnowledgeBase.remove_goal, "Remove from the goal"),
 ):
-    _telling(_path, _method, _summary)
+    _updating(_path, _method, _summary)
 
 
 @router.post("/set-metric", response_model=answers.Transaction)
@@ -116,7 +116,7 @@ async def replace(kb: Kb, body: Replacement) -> Any:
 
 @router.post("/apply", response_model=answers.Transaction)
 async def apply(kb: Kb, body: Action) -> Any:
-    """Do the whole of an instantaneous action."""
+    """Apply an instantaneous action."""
     return await kb.apply(body.operator, *body.arguments, **body.by)
 
 

@@ -14,7 +14,7 @@ from kbstore.serve.guard import Guard, refuse_unsafe
 from kbstore.serve.store import Store
 
 LARGEST_BODY = 20_000_000
-"""The bytes of a request, at most."""
+"""The most bytes of a request."""
 
 DESCRIPTION = """\
 What holds at any time in the knowledge bases of a robot, and what was believed of it. Knowledge is PDDL; `at` is the
@@ -36,8 +36,8 @@ def make_app(
     Args:
         store: the knowledge bases.
         host: the address at which it is served.
-        token: what requests have to give; none on an address of this machine only.
-        allow_writes: whether there are requests that change something; `store` has to allow it, too.
+        token: the token that requests have to give; it may be None on an address of this machine only.
+        allow_writes: whether requests may change something; `store` has to allow it, too.
         allow_origins: the origins of other sites whose pages may ask.
 
     Raises:
@@ -83,7 +83,7 @@ def make_app(
 
 
 class _Application(FastAPI):
-    """An application whose description has the problems."""
+    """An application whose OpenAPI description has the schema of problems."""
 
     def openapi(self) -> dict[str, Any]:
         """Return the description of the interface."""
