@@ -1,7 +1,7 @@
 """kbstore: a bitemporal knowledge base for robot planning on SQLite and PostgreSQL.
 
-See `kbstore.open` for where to begin. A name is imported when it is first used, so that whoever needs a part of
-kbstore does not wait for all of it.
+Begin with `kbstore.open`. A name is imported when it is first used, so that a program that needs a part of kbstore does
+not wait for all of it.
 """
 
 from importlib import import_module
@@ -240,7 +240,7 @@ _HOMES = {
     "Ingested": "kbstore.writing.ingesting.Ingested",
     "OpenTransaction": "kbstore.writing.unit_of_work.OpenTransaction",
 }
-"""The module of each public name, as above; for the interpreter, which does not see what type checkers see."""
+"""The place of each public name at run time; type checkers read the imports above."""
 
 
 def __getattr__(name: str) -> Any:

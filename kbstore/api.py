@@ -1,4 +1,4 @@
-"""Opening a knowledge base in a store, and continuing it in another."""
+"""Opens a knowledge base in a store, and continues it in another."""
 
 import os
 
@@ -37,19 +37,19 @@ def open(
 
     Args:
         url: a SQLAlchemy URL, the path of an SQLite file, or an `Engine` of the caller's.
-        name: which world in the store: one robot, or one run.
+        name: the knowledge base: one robot, or one run of a simulation.
         clock: the time source; the wall clock if None.
-        use_unknowns: whether absent reads as unknown (open world); set at creation and stored. None: as stored, and
-            a closed world for a new knowledge base.
-        durability: "full" keeps every acknowledged transaction through a loss of power; "normal" may lose the last.
+        use_unknowns: whether absent reads as unknown (open world); stored when the knowledge base is created. None: as
+            stored, and a closed world for a new knowledge base.
+        durability: "full": every acknowledged transaction survives a loss of power; "normal": the last may be lost.
         validate: whether what is added must fit the domain.
         read_only: whether writing is refused.
-        cache: whether answers are remembered: those about now until something changes (on PostgreSQL only with
-            `notifications`), and the states of the past that were asked for last.
+        cache: whether answers are cached: those about now until something changes (on PostgreSQL only with
+            `notifications`), and past states.
         tolerance: how far the clock may be behind the latest recorded time (a duration; rule T3).
-        max_step: how far the system clock may get ahead of what the machine measures, between two transactions, before
-            it is `ClockJumped` (a duration; rule T6).
-        busy_timeout: seconds to wait for a lock that others hold, before it is `StoreUnavailable`.
+        max_step: how far the system clock may get ahead of the time that the machine measures between two transactions,
+            before `ClockJumped` is raised (a duration; rule T6).
+        busy_timeout: seconds to wait for a lock that others hold, before `StoreUnavailable` is raised.
         schema: the schema of a PostgreSQL database in which the tables are; made if there is none. None: where the
             search path of the connection finds them.
         notifications: whether a PostgreSQL server notifies this process of each commit, and answers about now are
@@ -59,7 +59,7 @@ def open(
     Raises:
         SchemaOutOfDate, SchemaTooNew, SchemaUnknown: the database's schema is not this kbstore's.
         StoreUnavailable: the database cannot be reached.
-        InvalidKnowledge: it was created with another `use_unknowns`, or the name cannot be one.
+        InvalidKnowledge: it was created with another `use_unknowns`, or `name` is not acceptable.
     """
     check_knowledge_base(name)
     database = Database(
@@ -90,7 +90,7 @@ def open(
 
 
 def knowledge_bases(url: str | os.PathLike[str] | URL | Engine, *, schema: str | None = None) -> list[str]:
-    """The names of the knowledge bases in a store; `schema` as in `open`."""
+    """Return the names of the knowledge bases in a store; `url`, `schema` and errors are those of `open`."""
     database = Database(url, read_only=True, schema=schema)
     try:
         with database.wrap_errors():
@@ -112,8 +112,8 @@ def push(
     """Continue a knowledge base in another store, on either engine: everything that was recorded, exactly once.
 
     The copy has the same transactions with the same numbers, domains, schedules and runs. From the first push on
-    nothing else is written to it. Interrupted at any moment, a push is done again and goes on; several robots may push
-    to one server at once, and writers go on meanwhile.
+    nothing else may write to it. A push that is interrupted at any moment is continued by the next one; several robots
+    may push to one server at once, and writers go on meanwhile.
 
     Args:
         kb: the source, open for reading or writing.
@@ -121,16 +121,16 @@ def push(
         name: the name of the knowledge base there; None: its own.
         follow: whether to go on as transactions are recorded, until `kb.close()` in another thread. A target that
             cannot be reached any more is tried again and again, with a warning in the log.
-        progress: told again and again up to which transaction the copy has it, and which is the latest.
+        progress: called repeatedly with the number of the last transaction that the copy has, and of the latest.
 
     Returns:
-        Up to which transaction the copy has it, and how much was pushed.
+        The last transaction that the copy has, and how much was pushed.
 
     Raises:
         StoreUnavailable: the other store cannot be reached.
         Conflict: the other store has a knowledge base of that name that was written to by others.
         StoreWentBack: transactions that had been pushed are gone from this store.
-        HistoryUnavailable: what the copy lacks has been archived here.
+        HistoryUnavailable: transactions that the copy lacks have been archived here.
         InvalidKnowledge: the copy was created with another `use_unknowns`, or one of the two is an archive.
     """
     with pushing(kb._reader, url, name, progress) as push:

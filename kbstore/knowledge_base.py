@@ -1,7 +1,7 @@
-"""A knowledge base: one named world in a store, asked and changed.
+"""The public interface of a knowledge base: one named world in a store.
 
-The module is longer than others because it is the public interface: a method for each thing that can be asked or
-told, which says what it means and leaves the doing to `kbstore.reading`, `kbstore.writing` and `kbstore.transfer`.
+The module is longer than others, as it has a method for each question and each change. A method documents its meaning
+and leaves the work to `kbstore.reading`, `kbstore.writing` and `kbstore.transfer`.
 """
 
 import os
@@ -89,8 +89,8 @@ if TYPE_CHECKING:
 class KnowledgeBase:
     """A knowledge base; made by `kbstore.open`, and a context manager that closes it.
 
-    May be used from several threads and, after a fork, from the child. Times that it takes are anything of rule
-    T2; times that it gives are nanoseconds.
+    It may be used from several threads and, after a fork, from the child. Methods accept any time-like value (rule T2)
+    and return times in nanoseconds.
     """
 
     def __init__(
@@ -116,7 +116,7 @@ class KnowledgeBase:
         kb, unknowns = self._find_or_create(use_unknowns)
         if use_unknowns is not None and use_unknowns != unknowns:
             raise InvalidKnowledge(
-                f"{name} was created with use_unknowns={unknowns}, which is kept with it and cannot be changed; "
+                f"{name} was created with use_unknowns={unknowns}, which is stored and cannot be changed; "
                 f"open it without use_unknowns, or give another name"
             )
         self.use_unknowns = unknowns
@@ -160,7 +160,7 @@ class KnowledgeBase:
         self.close()
 
     def close(self) -> None:
-        """Close the connections to the store, and end what watches; questions afterwards raise `StoreUnavailable`."""
+        """Close the connections to the store, and end watches; methods called afterwards raise `StoreUnavailable`."""
         for watch in list(self._watches):
             watch.close()
         self._database.close()
@@ -185,13 +185,13 @@ class KnowledgeBase:
         Args:
             client: who writes.
             note: why.
-            expect: the number of the latest transaction that the caller knows of; it is a `Conflict` on entry if
+            expect: the number of the latest transaction that the caller knows; entering the block raises `Conflict` if
                 another one has been committed since.
             connection: a SQLAlchemy connection of the caller's to the same database. The block takes part in its
                 transaction, which the caller commits or rolls back; until then nobody else sees what was written, and
                 other writers of this knowledge base wait (on SQLite, of the whole file). An exception in the block
-                rolls back to its beginning, and leaves the caller's transaction usable. On SQLite the caller has
-                begun to write (``BEGIN IMMEDIATE``); on PostgreSQL the isolation level is READ COMMITTED.
+                rolls back to its beginning, and leaves the caller's transaction usable. On SQLite the caller must have
+                begun to write (``BEGIN IMMEDIATE``); on PostgreSQL the isolation level must be READ COMMITTED.
         """
         reader = self._reader if connection is None else self._reader.within(connection)
         return self._transaction(reader, client=client, note=note, expect=expect)
@@ -208,7 +208,7 @@ class KnowledgeBase:
 
     @contextmanager
     def _alone(self) -> Iterator[None]:
-        """One transaction at a time in a thread."""
+        """Allow one transaction at a time in a thread."""
         self._refuse_writing()
         self._writing.open = True
         try:
@@ -235,9 +235,10 @@ class KnowledgeBase:
     ) -> Transaction:
         """Add knowledge to the state: items, their PDDL text, or messages.
 
-        `initial_time` counts for items without one of their own; one after now makes timed-initial knowledge. What has
-        held since a time in the past is late knowledge, given with `since`: it holds until the next beginning or end
-        next, or `until` a time that is not after now (rules L1, L2).
+        `initial_time` is for items without one of their own; a time after now makes timed-initial knowledge. Knowledge
+        that has held since a time in the past is late, and given with `since`: it holds until the next beginning or
+        end on its timeline, or `until` a time that is not after now (rules L1, L2).
+
         Raises `InvalidKnowledge` with all violations; nothing is stored then.
         """
         with self.transaction(client=client, note=note) as tx:
@@ -253,10 +254,11 @@ class KnowledgeBase:
         client: str = "",
         note: str = "",
     ) -> Transaction:
-        """Remove what matches from the state (``?`` matches any object); at a later time, cancel what is scheduled.
+        """Remove what matches from the state (``?`` matches any object).
 
-        With `since`, a time in the past, remove what matched then, up to the next beginning; with `until`, what
-        matched between the two (rule L3).
+        With an `initial_time` after now, cancel what is scheduled for that time. With `since`, a time in the past,
+        remove what matched then, up to the next beginning on its timeline; with `until`, what matched between the two
+        (rule L3).
         """
         with self.transaction(client=client, note=note) as tx:
             tx.remove(*items, initial_time=initial_time, since=since, until=until)
@@ -271,7 +273,7 @@ class KnowledgeBase:
         client: str = "",
         note: str = "",
     ) -> Transaction:
-        """Add to the goal; a conjunction is split into its parts (rule C10)."""
+        """Add to the goal; a conjunction is split into its parts (rule C10). Times are as for `add`."""
         with self.transaction(client=client, note=note) as tx:
             tx.add_goal(*goals, initial_time=initial_time, since=since, until=until)
         return tx.result
@@ -285,7 +287,7 @@ class KnowledgeBase:
         client: str = "",
         note: str = "",
     ) -> Transaction:
-        """Remove from the goal."""
+        """Remove what matches from the goal. Times are as for `remove`."""
         with self.transaction(client=client, note=note) as tx:
             tx.remove_goal(*goals, initial_time=initial_time, since=since, until=until)
         return tx.result
@@ -293,7 +295,7 @@ class KnowledgeBase:
     def add_metric(
         self, *metrics: Knowledge, initial_time: TimeLike | None = None, client: str = "", note: str = ""
     ) -> Transaction:
-        """Set the metric, as ``minimize (total-time)``; it replaces any other."""
+        """Set the metric, for instance ``minimize (total-time)``; it replaces any other."""
         with self.transaction(client=client, note=note) as tx:
             tx.add_metric(*metrics, initial_time=initial_time)
         return tx.result
@@ -315,7 +317,7 @@ class KnowledgeBase:
         client: str = "",
         note: str = "",
     ) -> Transaction:
-        """Make several updates, in order, all or none."""
+        """Make several updates in order, all or none: pairs of an `UpdateType`, or its number, and knowledge."""
         with self.transaction(client=client, note=note) as tx:
             tx.update(updates, since=since, until=until)
         return tx.result
@@ -343,7 +345,7 @@ class KnowledgeBase:
         Raises:
             InvalidKnowledge: with the violations of one batch, each with the number of its item, counted from 1.
         """
-        # of timelines as many as there are items, none is remembered longer than for its batch
+        # there may be as many timelines as items, so the cache of timelines lasts for one batch only
         reader = copy(self._reader)
 
         def begin() -> OpenTransaction:
@@ -354,13 +356,13 @@ class KnowledgeBase:
         return ingest(begin, items, batch=batch, progress=progress)
 
     def replace(self, *items: Knowledge, client: str = "", note: str = "") -> Transaction:
-        """Make the state what the items assert, in one transaction that records the difference alone (rule C13).
+        """Replace the state by the items, in one transaction that records the difference alone (rule C13).
 
         Objects, facts, functions and recorded inequalities that hold and are not among the items are removed, an object
         with what mentions it and what runs with it. Goals, metric and what is scheduled are left alone.
 
         Args:
-            items: everything that is to hold, objects included, as for `add`.
+            items: everything that is to hold, objects included; each as for `add`.
             client: who replaces it.
             note: why.
 
@@ -387,19 +389,23 @@ class KnowledgeBase:
         client: str = "",
         note: str = "",
     ) -> Transaction:
-        """Load a PDDL domain, and a problem, from paths or text, in one transaction.
+        """Load a PDDL domain, a problem, or both, from paths or text, in one transaction.
 
         A `unified_planning` Problem is loaded as both, in its own names (rule P7). A problem adds to what holds; with
         `replace`, everything is cleared first. Its timed-initial knowledge is relative to now. With `once`, nothing
-        happens where this knowledge base has ever loaded the same texts, also after `clear`: for services that load
-        at each start.
+        happens if this knowledge base has ever loaded the same texts, even if it was cleared since: for services that
+        load at each start.
+
+        Raises:
+            PddlSyntaxError: with the place, for text that cannot be read.
+            InvalidKnowledge: with everything that does not fit the domain.
         """
         with self.transaction(client=client, note=note) as tx:
             tx.load(domain, problem, replace=replace, once=once)
         return tx.result
 
     def set_sensed(self, name: str, sensed: bool, *, client: str = "", note: str = "") -> Transaction:
-        """Mark a predicate or function as sensed, or not."""
+        """Mark a predicate or function as sensed, or not (rule O8). Raises `UnknownSymbol`."""
         with self.transaction(client=client, note=note) as tx:
             tx.set_sensed(name, sensed)
         return tx.result
@@ -448,7 +454,7 @@ class KnowledgeBase:
         return self.state(at, as_of).explain(question)
 
     def query(self, *items: Question, at: TimeLike | None = None) -> QueryResult:
-        """Return whether each of several items is true, as the original's query does."""
+        """Return whether each of several items is true, as ROSPlan's query does."""
         return self._answers.query(items, at)
 
     def instances(
@@ -509,11 +515,11 @@ class KnowledgeBase:
         ]
 
     def goals(self, at: TimeLike | None = None) -> list[Goal]:
-        """The parts of the goal."""
+        """Return the parts of the goal."""
         return cast("list[Goal]", self._items(tuple(KnowledgeType), at, role=Role.GOAL)[0])
 
     def metric(self, at: TimeLike | None = None) -> Expression | None:
-        """The metric."""
+        """Return the metric; None if there is none."""
         found, _ = self._items((KnowledgeType.EXPRESSION,), at)
         return cast("Expression", found[0]) if found else None
 
@@ -527,7 +533,7 @@ class KnowledgeBase:
         which: object = None,
         fits: Callable[[StateRow, Domain | None], bool] | None = None,
     ) -> tuple[list[KnowledgeItem | Condition], Domain | None]:
-        """The items of some knowledge types at a time, and the domain then; `which` says what `fits` lets through."""
+        """Return the items of some knowledge types at a time, and the domain then; `which` is the key of `fits`."""
         read = partial(self._reader.items, role=role, kinds=kinds, name=name, fits=fits)
         return self._answers.part((role, kinds, key(name), which), read, at)
 
@@ -569,8 +575,8 @@ class KnowledgeBase:
     ) -> str | StrictPddl:
         """Write the planning problem as of any moment in PDDL (rules P2, O4).
 
-        With `strict_names`, names that some planners do not read are replaced: then a `StrictPddl`, the `text` and
-        what its `names` stand for, for `read_plan` (rule P5).
+        With `strict_names`, names that some planners do not read are replaced. The result is then a `StrictPddl`: the
+        `text`, and the replaced `names`, for `read_plan` (rule P5).
         """
         state = self.state(at, as_of)
         if strict_names:
@@ -629,11 +635,11 @@ class KnowledgeBase:
         """Return the record as a `pyarrow.Table`, for pandas and polars (extra `frames`).
 
         ``kb.frame("(robot_at kenny ?)").to_pandas()``; ``polars.from_arrow(kb.frame(of="runs"))``. The columns have the
-        names of the views in SQL. Times are ``timestamp[ns, UTC]``, exact; what is open, or did not happen, is null.
+        names of the views in SQL. Times are ``timestamp[ns, UTC]``, exact; what is open or did not happen is null.
 
         Args:
             pattern: a fact, a function or an action, in which ``?`` matches any object; None: all.
-            since: the begin of the span; None: that of the history.
+            since: the beginning of the span; None: that of the history.
             until: its end; None: no end.
             as_of: a time or a `Transaction`: what was on record then.
             of: "facts", "numbers", "runs" or "transactions". A number has a row for each span in which it holds still
@@ -641,7 +647,7 @@ class KnowledgeBase:
 
         Raises:
             MissingLibrary: pyarrow is not installed.
-            InvalidKnowledge: the pattern is of something else.
+            InvalidKnowledge: the pattern matches something that the table does not have.
         """
         from kbstore.report.frames import arrow_table
         from kbstore.report.relations import relation
@@ -652,6 +658,7 @@ class KnowledgeBase:
         """Return the maximal half-open intervals in ``[since, until)`` in which a condition is true (rule Q4).
 
         With `as_of` (a time or a `Transaction`), as it was believed then.
+
         Raises `NotLinear` where a comparison is not linear in time within the span.
         """
         with self._reader.repository() as repository:
@@ -662,7 +669,7 @@ class KnowledgeBase:
             return when_true(self._reader, repository, condition, first, last, as_of)
 
     def beliefs(self, condition: Question, at: TimeLike) -> list[Belief]:
-        """Return what was believed of one time, over transaction time: since when was it known (rule L4).
+        """Return what was believed about one time, over transaction time: since when was it known (rule L4).
 
         Returns:
             Intervals of transaction time ``(since, until, truth)``, half-open, from the first transaction on; the last
@@ -700,13 +707,13 @@ class KnowledgeBase:
             pattern: only changes with an assertion that matches it, and only those assertions.
             after: a `Change`, or the number of a transaction, after which to go on; None: after the latest.
             poll: seconds between two looks at the store.
-            timeout: seconds to wait for the next such change, after which the iterator ends; None: for ever.
+            timeout: seconds to wait for the next such change, after which the iterator ends; None: forever.
 
         Returns:
             An iterator. Its `close`, which any thread may call, ends it quietly; so does `close` of this object.
 
         Raises:
-            UnknownSymbol: the domain does not know what the pattern names.
+            UnknownSymbol: the domain does not know the pattern's predicate or function.
             InvalidKnowledge: nothing can match the pattern.
         """
         return self._watched(ChangeWatch(self._reader, self._history, pattern, after, poll=poll, timeout=timeout))
@@ -719,16 +726,16 @@ class KnowledgeBase:
         Args:
             condition: anything that `holds` takes.
             poll: seconds between two looks at the store.
-            timeout: seconds to wait for the next change, after which the iterator ends; None: for ever.
+            timeout: seconds to wait for the next change, after which the iterator ends; None: forever.
 
         Returns:
-            An iterator of a time, the truth from then on, and the transaction that made it so: None for the first, and
-            where it was the clock alone (a schedule, the end of an object, a number that moves). It is closed as
-            `watch` says.
+            An iterator of a time, the truth from then on, and the transaction that made it so. The transaction is None
+            for the first, and for a change by the clock alone (a schedule, the end of an object, a number that moves).
+            It is closed like that of `watch`.
 
         Raises:
-            UnknownSymbol, InvalidKnowledge: at the call for a condition that cannot be asked; later, as `NotLinear`
-                and other errors of `when`, where it cannot be answered any more.
+            UnknownSymbol, InvalidKnowledge: at the call, the condition cannot be asked; while iterating, it cannot be
+                asked any more. That also raises `NotLinear` and other errors of `when`.
         """
         return self._watched(ConditionWatch(self._reader, self._history, condition, poll=poll, timeout=timeout))
 
@@ -737,7 +744,7 @@ class KnowledgeBase:
 
         Args:
             condition: anything that `holds` takes.
-            timeout: seconds to wait at most; None: for ever.
+            timeout: seconds to wait at most; None: forever.
             poll: seconds between two looks at the store.
 
         Returns:
@@ -754,7 +761,7 @@ class KnowledgeBase:
         """Return the value of an expression at `since`, and at each `step` from there on before `until`.
 
         Returns:
-            Pairs of a time and the value then; None where it has none.
+            Pairs of a time and the value then, None where it is undefined.
 
         Raises:
             InvalidTime: `until` is before `since`, or the step is 0.
@@ -784,9 +791,9 @@ class KnowledgeBase:
             path: a file to write the page to; one that exists is replaced.
             patterns: only the lanes that match one of these: ``"(robot_at kenny ?)"``, or a word, for everything with
                 that predicate, function, operator or object.
-            since: the begin of the span; None, or a time before it: that of the history that is kept.
-            until: its end; None: the last time of which something is known, or now if that is not far behind it.
-            as_of: what was known then is shown first; None: what is known now.
+            since: the beginning of the span; None, or an earlier time: that of the history in the store.
+            until: its end; None: the last time about which something is known, or now if that is soon after it.
+            as_of: a time or a `Transaction` whose belief is shown first; None: what is known now.
         """
         from kbstore.report.timeline.data import timeline_data
         from kbstore.report.timeline.page import page
@@ -864,18 +871,19 @@ class KnowledgeBase:
 
         Raises:
             NotApplicable: with each condition that fails, and since when, or from when on it is expected to.
-            NotLinear: where a rate, or what is expected of a condition, cannot be computed (rules O5, O6).
-            InvalidTime: for a bare number of nanoseconds below a millisecond, which is meant as seconds.
+            NotLinear: a rate, or the expected truth of a condition, cannot be computed (rules O5, O6).
+            InvalidTime: `duration` is a bare number of nanoseconds below a millisecond, which is meant as seconds.
         """
         with self.transaction(client=client, note=note) as tx:
             return tx.start(operator, *arguments, duration=duration, force=force)
 
     def end(self, run: Run, *, client: str = "", note: str = "") -> Ended:
-        """End a durative action: at-end effects take place. `failing` has the at-end conditions that failed.
+        """End a durative action: its at-end effects take place.
 
-        Its `broken` are the over-all conditions that were not true meanwhile, each with its span (rule O6).
+        The result's `failing` has the at-end conditions that fail, and its `broken` the over-all conditions that were
+        not true meanwhile, each with its span (rules O3, O6).
 
-        Raises `NotApplicable` if it does not run, or if an effect refers to what no longer exists.
+        Raises `NotApplicable` if it does not run, or if an effect refers to an object that no longer exists.
         """
         with self.transaction(client=client, note=note) as tx:
             failing = tx.end(run).failing
@@ -893,7 +901,7 @@ class KnowledgeBase:
     def broken(self, run: Run) -> list[Broken]:
         """Return the over-all conditions of a run that were broken while it ran, each with its spans (rule O6).
 
-        Unknown counts as not true, and so does what cannot be decided.
+        A condition that is unknown, or cannot be decided, counts as not true.
         """
         return self._runs.broken(run)
 
@@ -908,27 +916,27 @@ class KnowledgeBase:
 
         Args:
             pattern: ``"(goto_waypoint kenny ? ?)"`` or the name of an operator; None: all.
-            since: the begin of the span; None: that of the history that is kept.
+            since: the beginning of the span; None: that of the history in the store.
             until: its end; None: no end.
-            as_of: a time or a `Transaction`; what ended later is running then.
+            as_of: a time or a `Transaction`; a run that ended later is running then.
         """
         return self._runs.within(pattern, since, until, as_of)
 
     @property
     def history_from(self) -> int:
-        """The time from which on history is here; what was before has been archived (rule Q7)."""
+        """The time from which on the store has history; what ended before has been archived (rule Q7)."""
         with self._reader.repository() as repository:
             return repository.head().history_from
 
     def archive(self, before: TimeLike, path: str | os.PathLike[str], *, progress: Progress | None = None) -> Archived:
-        """Move the history before a time into an archive, and give its space back (rule Q7).
+        """Move the history before a time into an archive, and free its space (rule Q7).
 
         The archive is an SQLite file. Opened like a store, ``kbstore.open(path, name)``, it answers as this knowledge
-        base would have answered just before that time. Questions here that need what was before are
-        `HistoryUnavailable` from then on. A file that has what was archived last is continued, so that one file can
-        hold all of the past; a new file begins where the store's history began. Readers and writers go on meanwhile,
-        but for the end, when an SQLite file is made smaller (VACUUM): for that writers wait. Stopped at any moment, it
-        is done again with the same arguments, and finishes.
+        base would have answered just before that time. From then on, questions here that need older history raise
+        `HistoryUnavailable`. The file of the last archiving is continued, so that one file can hold all of the past; a
+        new file begins where the store's history began. Readers and writers go on meanwhile, except that writers wait
+        at the end, while an SQLite file is made smaller (VACUUM). If it is stopped at any moment, call it again with
+        the same arguments, and it finishes.
 
         Args:
             before: a time that is not after the latest transaction.
@@ -936,19 +944,19 @@ class KnowledgeBase:
             progress: called repeatedly with the number of rows done and the total.
 
         Raises:
-            InvalidTime: the time lies after the latest transaction.
-            HistoryUnavailable: what was before has been archived already, or between the file and the store some
-                history would be missing.
+            InvalidTime: the time is after the latest transaction.
+            HistoryUnavailable: the history before has been archived already, or some would be missing between the file
+                and the store.
             InvalidKnowledge: the file is not an archive, or that of another knowledge base.
-            StoreUnavailable: the store or the file cannot be reached, or the file turned out not to be sound.
+            StoreUnavailable: the store or the file cannot be reached, or the file is not sound.
         """
         self._refuse_writing()
         return archive.archive(self._reader, before, path, progress=progress)
 
     def is_quick(self, question: Question) -> bool:
-        """Return whether a question about now needs one short read of an SQLite file at most, or nothing at all.
+        """Return whether a question about now needs one short read of an SQLite file at most, or none.
 
-        So is a fact or a number that has been asked for before. For callers that must not be kept waiting.
+        This is so for a fact or a number that has been asked for before. It is for callers that must not wait.
         """
         return self._answers.is_quick(question)
 

@@ -1,4 +1,4 @@
-"""The interface of kbstore for asyncio: the same names, awaited.
+"""kbstore for asyncio: the same names, awaited.
 
 >>> import asyncio
 >>> async def main():

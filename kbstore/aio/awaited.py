@@ -1,7 +1,7 @@
-"""Methods of kbstore's classes, as coroutines with the same parameters, docstrings and types.
+"""Turns methods of kbstore's classes into coroutines with the same parameters, docstrings and types.
 
-No method is written a second time: ``history = reading(kbstore.KnowledgeBase.history)`` is all of it, for people, for
-type checkers and at run time.
+No method is written a second time: ``history = reading(kbstore.KnowledgeBase.history)`` is enough for people, for type
+checkers and at run time.
 """
 
 from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Iterator
@@ -13,24 +13,24 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 CHUNK = 256
-"""The number of items of an iterator that a thread takes at once."""
+"""The number of items of an iterator that are read in one go."""
 
 Awaited = Callable[Concatenate[Any, P], Coroutine[Any, Any, R]]
 """A method that is a coroutine."""
 
 
 class Reads(Protocol):
-    """Calls a function with the object whose methods are awaited, in a thread that reads."""
+    """An object that calls functions with the object behind it, in a thread that reads."""
 
     def read(self, function: Callable[[Any], R], /) -> Awaitable[R]:
-        """Call it."""
+        """Call a function."""
 
 
 class Writes(Protocol):
-    """The same in the thread that writes."""
+    """An object that calls functions with the object behind it, in the thread that writes."""
 
     def write(self, function: Callable[[Any], R], /) -> Awaitable[R]:
-        """Call it."""
+        """Call a function."""
 
 
 def reading(method: Callable[Concatenate[Any, P], R]) -> Awaited[P, R]:
@@ -56,7 +56,7 @@ def writing(method: Callable[Concatenate[Any, P], R]) -> Awaited[P, R]:
 def iterating(
     method: Callable[Concatenate[Any, P], Iterator[R]],
 ) -> Callable[Concatenate[Any, P], AsyncIterator[R]]:
-    """Return a method that reads bit by bit, as an asynchronous iterator."""
+    """Return a method that returns an iterator, as an asynchronous iterator."""
 
     @wraps(method)
     async def awaited(self: Reads, /, *args: P.args, **kwargs: P.kwargs) -> AsyncIterator[R]:

@@ -22,7 +22,7 @@ R = TypeVar("R")
 
 
 def _answering(method: Callable[Concatenate[Any, P], R]) -> Awaited[P, R]:
-    """Return a question as a coroutine, which is answered at once where that takes microseconds."""
+    """Return a method that answers a question as a coroutine, which needs no thread where that takes microseconds."""
     in_thread = reading(method)
 
     @wraps(method)
@@ -37,7 +37,7 @@ def _answering(method: Callable[Concatenate[Any, P], R]) -> Awaited[P, R]:
 def _watching(
     method: Callable[Concatenate[Any, P], SyncWatch[R]],
 ) -> Callable[Concatenate[Any, P], Watch[R]]:
-    """Return a method that watches, for asyncio."""
+    """Return a method that returns a watch, with a watch for asyncio."""
 
     @wraps(method)
     def watch(self: "KnowledgeBase", /, *args: P.args, **kwargs: P.kwargs) -> Watch[R]:
@@ -49,15 +49,15 @@ def _watching(
 class KnowledgeBase:
     """A knowledge base; made by `kbstore.aio.open`, for the tasks of one event loop.
 
-    It has the methods of `kbstore.KnowledgeBase`, to be awaited, with the same parameters, answers and errors. What
-    reads is done in a few threads of its own, and what writes in another, one task after the other; questions about
-    one fact or number now are answered at once, where the store is an SQLite file. A task that is cancelled while it
-    writes gets its cancellation when that has been stored or refused. `close` ends the threads.
+    It has the methods of `kbstore.KnowledgeBase`, to be awaited, with the same parameters, answers and errors. Reading
+    is done in a few threads of its own, and writing in another one, one task after the other; in an SQLite file,
+    questions about one fact or number now are answered at once. A task that is cancelled while it writes gets its
+    cancellation when the write has been stored or refused. `close` ends the threads.
     """
 
     def __init__(self, sync: SyncKnowledgeBase, workers: Workers) -> None:
         self.sync = sync
-        """The `kbstore.KnowledgeBase`, whose calls take their time in the thread that makes them."""
+        """The `kbstore.KnowledgeBase`, whose methods block the thread that calls them."""
         self._workers = workers
         self._turn = Turn()
 
@@ -80,12 +80,12 @@ class KnowledgeBase:
         await self.close()
 
     async def close(self) -> None:
-        """End what watches, and the threads, after a transaction that is open; afterwards it is `StoreUnavailable`."""
+        """End watches and threads, after an open transaction; methods called afterwards raise `StoreUnavailable`."""
         async with self._turn:
             await self._workers.close(self.sync.close)
 
     async def read(self, function: Callable[[SyncKnowledgeBase], R]) -> R:
-        """Call a function with the `kbstore.KnowledgeBase`, in a thread: several questions for one change of threads.
+        """Call a function with the `kbstore.KnowledgeBase` in a thread, to ask several questions in one go.
 
         >>> async def facts(kb):
         ...     return await kb.read(lambda kb: kb.state().to_dict()["facts"])
@@ -99,15 +99,15 @@ class KnowledgeBase:
 
     def is_quick(self, question: Question) -> bool:
         """Return whether a question about now is answered within microseconds, so that it needs no thread."""
-        # a store in memory has one connection, which an open transaction has
+        # the one connection of a store in memory belongs to an open transaction
         return not self._turn.is_taken and self.sync.is_quick(question)
 
     # -- writing ----------------------------------------------------------------------------------------------
 
     def transaction(self, *, client: str = "", note: str = "", expect: int | None = None) -> OpenTransaction:
-        """A transaction: ``async with kb.transaction() as tx: await tx.add(...)``.
+        """Begin a transaction: ``async with kb.transaction() as tx: await tx.add(...)``.
 
-        The parameters are those of `kbstore.KnowledgeBase.transaction`, without `connection`: a connection of the
+        The parameters are those of `kbstore.KnowledgeBase.transaction`, without `connection`, as a connection of the
         caller's belongs to another thread.
         """
         made = self.sync.transaction(client=client, note=note, expect=expect)
@@ -175,11 +175,11 @@ class KnowledgeBase:
     watch_condition = _watching(SyncKnowledgeBase.watch_condition)
 
     def watched(self, begin: Callable[[], SyncWatch[R]]) -> Watch[R]:
-        """Return what is to be watched, for asyncio."""
+        """Return the watch that `begin` makes, for asyncio."""
         return Watch(begin, self._workers)
 
     async def wait_for(self, condition: Question, timeout: float | None = None, *, poll: float = 0.05) -> int | None:
-        """Wait until a condition is true: `kbstore.KnowledgeBase.wait_for`, without a thread that waits."""
+        """Wait until a condition is true, as `kbstore.KnowledgeBase.wait_for`, without a thread that waits."""
         async with self.watch_condition(condition, poll=poll) as watch:
             with suppress(TimeoutError):
                 async with asyncio.timeout(timeout):
@@ -190,7 +190,7 @@ class KnowledgeBase:
 
     @property
     def history_from(self) -> Awaitable[int]:
-        """The time from which on history is here, to be awaited."""
+        """The time from which on the store has history, to be awaited."""
         return self.read(lambda kb: kb.history_from)
 
     def __repr__(self) -> str:
@@ -198,7 +198,7 @@ class KnowledgeBase:
 
 
 class Opening:
-    """The result of `kbstore.aio.open`: to be awaited, or to be entered, which closes it afterwards."""
+    """The result of `kbstore.aio.open`: await it, or enter it with ``async with``, which closes it afterwards."""
 
     def __init__(self, opening: Callable[[], SyncKnowledgeBase]) -> None:
         self._opening = opening
@@ -213,7 +213,7 @@ class Opening:
         try:
             await workers.write(lambda: opened.append(self._opening()))
         except BaseException:
-            # a cancellation may have come while it was opened
+            # after a cancellation it may have been opened all the same
             await workers.close(opened[0].close if opened else lambda: None)
             raise
         self._opened = KnowledgeBase(opened[0], workers)

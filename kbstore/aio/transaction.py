@@ -1,4 +1,4 @@
-"""A transaction whose block may await other things."""
+"""Transactions for asyncio, whose blocks may await other things, and the turns in which tasks write."""
 
 import asyncio
 from collections.abc import Callable
@@ -14,13 +14,15 @@ from kbstore.writing.unit_of_work import OpenTransaction as SyncTransaction
 
 R = TypeVar("R")
 
-
 _turns: ContextVar[tuple[object, ...]] = ContextVar("kbstore_turns", default=())
-"""The turns to write that a task has, and the tasks that it has begun meanwhile."""
+"""The turns to write that a task has; tasks that it creates meanwhile inherit them."""
 
 
 class Turn:
-    """Whose turn it is to write: tasks wait for it one after another."""
+    """The turn to write, for which tasks wait one after another.
+
+    Raises `Conflict` for a task that has it already, or whose creator has it, and would wait for ever.
+    """
 
     def __init__(self) -> None:
         self._lock = asyncio.Lock()
@@ -28,7 +30,7 @@ class Turn:
 
     @property
     def is_taken(self) -> bool:
-        """Whether somebody writes."""
+        """Whether a task has the turn."""
         return self._lock.locked()
 
     async def __aenter__(self) -> None:
@@ -49,8 +51,8 @@ class Turn:
 class OpenTransaction:
     """An open transaction, from `kbstore.aio.KnowledgeBase.transaction`: an asynchronous context manager.
 
-    Its methods are those of `kbstore.OpenTransaction`, awaited. Leaving the block stores what they did; leaving it by
-    an exception, a cancellation included, stores nothing. Other tasks wait with their writing meanwhile.
+    Its methods are those of `kbstore.OpenTransaction`, awaited. Leaving the block stores their changes; leaving it by
+    an exception, a cancellation included, stores nothing. Meanwhile other tasks wait before they write.
     """
 
     def __init__(self, transaction: SyncTransaction, turn: Turn, workers: Workers) -> None:
@@ -68,7 +70,7 @@ class OpenTransaction:
         try:
             await self._workers.write(self._transaction.__enter__)
         except BaseException as error:
-            # also where a cancellation came while it was begun
+            # also for a cancellation, after which it may have begun all the same
             await self.__aexit__(type(error), error, None)
             raise
         return self

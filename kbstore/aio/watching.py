@@ -1,4 +1,4 @@
-"""Following a knowledge base, or a condition, without a thread for each that follows."""
+"""Watches for asyncio, which follow a knowledge base or a condition without a thread for each."""
 
 import asyncio
 from collections.abc import AsyncIterator, Callable, Generator
@@ -14,11 +14,11 @@ Found = TypeVar("Found")
 
 
 class Watch(AsyncIterator[Found], Generic[Found]):
-    """An asynchronous iterator that waits for what happens (rules Q6, Q9), for one task at a time.
+    """An asynchronous iterator over changes as they happen (rules Q6, Q9), for one task at a time.
 
-    It begins where it is awaited (``watch = await kb.watch()``), entered (``async with``) or first iterated, whichever
-    comes first, and raises there what a wrong pattern or condition raises. `close` ends it quietly. A task that is
-    cancelled while it waits misses nothing: who iterates on gets what comes next.
+    It begins where it is awaited (``watch = await kb.watch()``), entered (``async with``) or first iterated, and raises
+    there the errors of a wrong pattern or condition. `close` ends it quietly. A cancellation while it waits loses
+    nothing: iterating further continues with the next change.
     """
 
     def __init__(self, begin: Callable[[], SyncWatch[Found]], workers: Workers) -> None:
@@ -67,7 +67,7 @@ class Watch(AsyncIterator[Found], Generic[Found]):
         return self._watch
 
     async def _look(self, watch: SyncWatch[Found], begin: float) -> bool:
-        """Look for the next thing in a thread; a look that a cancelled task has left is waited for, not repeated."""
+        """Look for the next change in a thread; if a cancelled task has left a look behind, wait for that instead."""
         if self._looking is None:
             self._looking = self._workers.submit(lambda: watch.look(begin))
         try:

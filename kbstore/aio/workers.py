@@ -15,7 +15,7 @@ READERS = 4
 
 
 class Workers:
-    """The threads of one knowledge base: one that writes, some that read; begun when needed, gone after `close`."""
+    """The threads of one knowledge base: one that writes, some that read; started when needed, ended by `close`."""
 
     def __init__(self) -> None:
         self._reading = ThreadPoolExecutor(READERS, "kbstore-read")
@@ -23,23 +23,23 @@ class Workers:
         self.is_closed = False
 
     def submit(self, call: Callable[[], R]) -> Future[R]:
-        """Begin a call that reads."""
+        """Submit a call that reads."""
         return self._submit(self._reading, call)
 
     async def read(self, call: Callable[[], R]) -> R:
-        """Do a call that reads, and wait for it; after a cancellation its answer is dropped."""
+        """Make a call that reads, and wait for it; after a cancellation its result is dropped."""
         return await asyncio.wrap_future(self.submit(call))
 
     async def write(self, call: Callable[[], R], *, is_certain: bool = False) -> R:
-        """Do a call that writes, after those before it, and wait for it.
+        """Make a call that writes, after those before it, and wait for it.
 
-        A cancellation is raised when the call has ended, so that nothing is written behind the caller's back. One that
-        has not begun by then never will, unless it `is_certain`.
+        A cancellation is raised when the call has ended, so that nothing is written behind the caller's back. A call
+        that has not begun by then is dropped, unless it `is_certain`.
         """
         return await _finished(self._submit(self._writing, call), is_certain=is_certain)
 
     async def close(self, closing: Callable[[], None]) -> None:
-        """Call what closes the knowledge base, and end the threads when they have done what they were given."""
+        """Call `closing` after the calls before it, and end the threads."""
         if self.is_closed:
             return
         self.is_closed = True
@@ -51,7 +51,7 @@ class Workers:
         try:
             await _finished(self._writing.submit(end), is_certain=True)
         finally:
-            # its only thread is idle
+            # does not block: its only thread is idle
             self._writing.shutdown()
 
     def _submit(self, threads: ThreadPoolExecutor, call: Callable[[], R]) -> Future[R]:
@@ -61,7 +61,7 @@ class Workers:
 
 
 async def _finished(job: Future[R], *, is_certain: bool) -> R:
-    """Wait for a job also through a cancellation, which is raised then."""
+    """Wait for a job, also after a cancellation, which is raised afterwards."""
     done = asyncio.wrap_future(job)
     try:
         return await asyncio.shield(done)
