@@ -1,4 +1,4 @@
-"""Plans as planners print them, with the text around them (rule P6).
+"""Reads plans as planners print them, with the text around them (rule P6).
 
     0.000: (undock kenny home) [10.000]
     10.001: (drive kenny home office) [24.000]
@@ -26,7 +26,7 @@ from kbstore.names import key
 
 _NUMBER = r"(\d{1,20}(?:\.\d{0,30})?|\.\d{1,30})"
 
-# Nothing in these is tried twice, so that long lines are read in linear time.
+# possessive quantifiers try nothing twice, so that long lines are read in linear time
 _ACTION = re.compile(
     rf"(?:{_NUMBER}\s*+:\s*+)?\(\s*+([^()\s]++)([^()]*+)\)\s*+"
     rf"(?:\[\s*+(?:D\s*+:\s*+)?{_NUMBER}\s*+(?:;\s*+C\s*+:[^\[\]]*+)?\])?"
@@ -57,15 +57,15 @@ _COLOUR = re.compile(r"\x1b\[[\d;]*m")
 def read_plan(text: str, domain: Domain, names: Mapping[str, str] | None = None) -> list[Step]:
     """Read the steps of a plan in text, in the order in which they happen.
 
-    `kbstore.interop.plans.execute` takes them. Blank lines, comments (``;``) and what planners print around a plan are
-    skipped; of several plans the last is read. The domain determines which actions take time: the text's duration of
-    an instantaneous one is ignored. Times are rounded to the nearest nanosecond.
+    `kbstore.interop.plans.execute` executes them. Blank lines, comments (``;``) and text that planners print around a
+    plan are skipped; if there are several plans, the last is read. The domain determines which actions take time: the
+    text's duration of an instantaneous one is ignored. Times are rounded to the nearest nanosecond.
 
     Args:
         text: the output of a planner, or a plan's file.
         domain: the domain that the plan is for.
-        names: what the names in the text stand for, where the problem was written with other names than the
-            knowledge base has: `StrictPddl.names` (rule P5).
+        names: the knowledge base's names for names in the text, if the problem was written with others:
+            `StrictPddl.names` (rule P5).
 
     Raises:
         PddlSyntaxError: a line looks like a step and is not one, an action lacks the time or the duration that it
@@ -79,7 +79,7 @@ def read_plan(text: str, domain: Domain, names: Mapping[str, str] | None = None)
 
 
 class _Written(NamedTuple):
-    """A step as it is written."""
+    """A step as it is written: times in seconds."""
 
     operator: str
     arguments: tuple[str, ...]

@@ -16,10 +16,10 @@ from kbstore.model.results import Run
 from kbstore.names import key
 
 ROUNDING = 2
-"""Nanoseconds by which times of a plan may differ that are meant to be the same."""
+"""Nanoseconds by which two times of a plan may differ although they are meant to be the same."""
 
 PRINTED = 1_000_000
-"""Nanoseconds by which a duration in a plan may differ from what the domain allows: planners print three decimals."""
+"""Nanoseconds by which a duration in a plan may differ from one that the domain allows: planners print 3 decimals."""
 
 
 class Happening(Enum):
@@ -34,8 +34,8 @@ class Happening(Enum):
 class Step:
     """One step of a plan: applies an instantaneous action, or starts or ends a durative one.
 
-    `at` is in nanoseconds from the start of the plan, None in a plan that has an order but no times; `duration` in
-    nanoseconds, None for what is instantaneous.
+    `at` is in nanoseconds from the start of the plan, None in a plan that has an order but no times; `duration` is in
+    nanoseconds, None for an instantaneous action.
     """
 
     happening: Happening
@@ -57,8 +57,8 @@ class Step:
 def steps(plan: Any) -> list[Step]:
     """Return the steps of a sequential or time-triggered plan of unified_planning, in the order in which they happen.
 
-    A durative action is two steps, its start and its end. At one time ends come before what begins, as that may
-    need what they bring about. Times are rounded to the nearest nanosecond.
+    A durative action is two steps, its start and its end. At one time ends come before beginnings, which may need the
+    effects of the ends. Times are rounded to the nearest nanosecond.
 
     Raises `InvalidKnowledge` for other kinds of plans, and for arguments that are not objects.
     """
@@ -78,7 +78,7 @@ def steps(plan: Any) -> list[Step]:
 
 
 def timed_steps(operator: str, arguments: tuple[str, ...], at: int, duration: int | None) -> list[Step]:
-    """Return the steps of an action that begins at a time: without a duration it is applied."""
+    """Return the steps of an action that begins at a time; without a duration it is applied. Times in nanoseconds."""
     if duration is None:
         return [Step(Happening.APPLY, operator, arguments, at)]
     return [
@@ -90,8 +90,8 @@ def timed_steps(operator: str, arguments: tuple[str, ...], at: int, duration: in
 def in_order(timed: Iterable[Step]) -> list[Step]:
     """Sort steps that have times: at one time ends come first, and otherwise the order stays.
 
-    An end that comes `ROUNDING` or less after something begins is moved to it: where a planner computes that the one
-    needs the other, its start and duration as decimals may add up to a nanosecond more.
+    An end that comes `ROUNDING` or less after a beginning is moved to it: a planner that lets an action begin at the
+    end of another may print a start and a duration, in decimals, that add up to a nanosecond more.
     """
     found = list(timed)
     beginnings = sorted({step.at for step in found if step.happening is not Happening.END and step.at is not None})
@@ -100,13 +100,13 @@ def in_order(timed: Iterable[Step]) -> list[Step]:
         assert step.at is not None
         if step.happening is not Happening.END:
             return step.at, 1
-        return step.at, 0 if step.duration else 2  # what takes no time ends after its own start
+        return step.at, 0 if step.duration else 2  # an action that takes no time ends after its own start
 
     return sorted((_rounded(step, beginnings) for step in found), key=place)
 
 
 def _rounded(step: Step, beginnings: Sequence[int]) -> Step:
-    """An end at what begins just before it, but not at its own start; any other step as it is."""
+    """Return an end at the beginning just before it, unless that is its own; any other step as it is."""
     if step.happening is not Happening.END or step.at is None or not step.duration:
         return step
     first = bisect_left(beginnings, step.at - min(ROUNDING, step.duration - 1))
@@ -126,7 +126,7 @@ def execute(
 
     Before each step that has a time, `wait` is called with that time on the knowledge base's clock, and has to return
     when it has come: for a `ManualClock` that is its `set`, for a robot a function that sleeps. Then the step is
-    performed with `apply`, `start` or `end`, and yielded with what that returned.
+    performed with `apply`, `start` or `end`, and yielded with the result of that.
 
         for step, outcome in execute(kb, plan, clock.set):
             print(step)
@@ -135,18 +135,18 @@ def execute(
     its expected end, also after the last step, unless it has been ended or aborted by then. Overdue ones are left
     alone.
 
-    A duration that the planner rounded is the one that the domain allows, if there is one within a millisecond, and
-    the action is then ended when it is due. An action of which an over-all condition is expected to break is started
-    all the same where the plan goes on before that: a later step may prevent it.
+    A duration that the planner rounded is replaced by one that the domain allows, if there is one within a millisecond,
+    and the action ends accordingly. An action is started although one of its over-all conditions is expected to break,
+    if the plan has another step before that, which may prevent it.
 
-    `NotApplicable` ends the loop: from a step, or before one where an over-all condition of what runs has been broken
-    (rule O6). Actions that were started still run, and are listed in ``kb.state().running``.
+    `NotApplicable` ends the loop: from a step, or before one if an over-all condition of a running action has been
+    broken (rule O6). Actions that were started still run, and are listed in ``kb.state().running``.
 
     Args:
         knowledge_base: The `KnowledgeBase` to act on.
         plan: A plan of unified_planning, or steps.
         wait: Waits until a time, in nanoseconds.
-        stop_when_broken: False to go on where an over-all condition has been broken.
+        stop_when_broken: False to go on when an over-all condition has been broken.
     """
     todo = list(plan) if isinstance(plan, Sequence) else steps(plan)
     begin = knowledge_base.now()
@@ -180,14 +180,14 @@ def execute(
 def _start(knowledge_base: Any, step: Step, repair: int | None) -> Run:
     """Start an action with its duration in the plan, or one within `PRINTED` of it that the domain allows.
 
-    An over-all condition that is expected to break is no reason against it where another step comes by then, at the
-    time `repair`: the plan may prevent it, and if it does not, the break stops the plan.
+    An over-all condition that is expected to break does not keep it from starting if another step, at the time
+    `repair`, comes before that: it may prevent the break, and otherwise the break stops the plan.
     """
     try:
         started: Run = knowledge_base.start(step.operator, *step.arguments, duration=step.duration)
         return started
     except NotApplicable:
-        # what the domain fixes, and a bound that was rounded across
+        # the fixed duration, and durations on either side of a bound, which rounding may have crossed
         near = () if step.duration is None else (None, step.duration - PRINTED // 2, step.duration + PRINTED // 2)
         for duration in (step.duration, *near):
             with suppress(NotApplicable, InvalidKnowledge), knowledge_base.transaction() as tx:
@@ -200,7 +200,7 @@ def _start(knowledge_base: Any, step: Step, repair: int | None) -> Run:
 
 
 def _is_only_foreseen(tx: Any, step: Step, duration: int | None, repair: int | None) -> bool:
-    """Return whether nothing but breaks that are expected at `repair` or later is against a start."""
+    """Return whether nothing keeps an action from starting but breaks that are expected at `repair` or later."""
     if repair is None:
         return False
     failing = tx.applicable(step.operator, *step.arguments, duration=duration).failing
@@ -210,7 +210,7 @@ def _is_only_foreseen(tx: Any, step: Step, duration: int | None, repair: int | N
 def _due(step: Step, begin: int, following: int | None, run: Run | None, now: int) -> int:
     """Return the time at which a step is due.
 
-    For an end that the plan rounded, that is the expected end of its run, but no later than the step that follows.
+    An end whose time the plan rounded is due at the expected end of its run, but no later than the step that follows.
     """
     planned = begin + (step.at or 0)
     if step.happening is not Happening.END or run is None or not 0 < abs(run.expected_end - planned) <= PRINTED:
@@ -220,9 +220,9 @@ def _due(step: Step, begin: int, following: int | None, run: Run | None, now: in
 
 
 def _refuse_broken(knowledge_base: Any, runs: Iterable[Run]) -> None:
-    """Raise `NotApplicable` where an over-all condition of what runs has been broken.
+    """Raise `NotApplicable` if an over-all condition of a run has been broken.
 
-    What breaks at the very time at which the run is to end does not count: it ends now.
+    A condition that breaks at the very time at which the run is to end does not count, as it ends now.
     """
     now = knowledge_base.now()
     for run in runs:
@@ -239,7 +239,7 @@ def _end_of(run: Run, begin: int) -> Step:
 
 
 def _named(instance: Any) -> tuple[str, tuple[str, ...]]:
-    """The operator and the objects of an action of a plan."""
+    """Return the operator and the objects of an action of a plan."""
     for argument in instance.actual_parameters:
         if not argument.is_object_exp():
             raise InvalidKnowledge(f"{instance} has the argument {argument}; expected are objects")

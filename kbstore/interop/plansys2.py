@@ -1,7 +1,7 @@
-"""PlanSys2's messages `Param`, `Node` and `Tree`, as objects or as mappings of the same shape: items and conditions.
+"""Reads PlanSys2's messages `Param`, `Node` and `Tree`, or mappings of their shape, as items and conditions.
 
-A `Param` is an object with its type, a `Node` a fact or the value of a function, a `Tree` a condition. In a tree the
-nodes of type NOT count; `negate` counts for a node of its own, as PlanSys2's evaluation has it.
+A `Param` is an object with its type, a `Node` a fact or the value of a function, a `Tree` a condition. As in PlanSys2's
+evaluation, nodes of type NOT negate in a tree; the field `negate` counts only for a single node.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -33,7 +33,7 @@ class NodeMessage(Protocol):
 
     @property
     def node_type(self) -> int:
-        """Which kind of node it is (`NodeType`)."""
+        """The kind of the node (`NodeType`)."""
 
 
 class TreeMessage(Protocol):
@@ -83,10 +83,10 @@ _OBJECTS = (NodeType.CONSTANT, NodeType.PARAMETER)
 
 
 def read(message: object) -> Instance | Fact | Function | Formula | None:
-    """Return what a message of PlanSys2 means; None if it is not one.
+    """Return the item or condition of a PlanSys2 message; None if it is not one.
 
-    Raises `InvalidKnowledge` for one that is not well-formed, or that cannot be known or asked: an action, an effect
-    that is not a change by a number.
+    Raises `InvalidKnowledge` for a message that is not well-formed, or is neither: an action, an effect that is not a
+    change by a number.
     """
     nodes = _field(message, "nodes")
     if nodes is not None:
@@ -113,7 +113,7 @@ def read_atom(text: str) -> Atom:
 
 
 class _Tree:
-    """The nodes of a tree, and what each means."""
+    """Reads the nodes of a tree."""
 
     def __init__(self, nodes: Any) -> None:
         if not isinstance(nodes, Sequence) or isinstance(nodes, str | bytes) or not nodes:
@@ -123,7 +123,7 @@ class _Tree:
         """The nodes from the root to the one that is being read."""
 
     def read(self) -> Fact | Function | Formula:
-        """Return the meaning of the whole tree: an item where the root alone is one."""
+        """Return the whole tree as a condition, or as an item if its root is one."""
         root = self._nodes[0]
         match self._kind(root):
             case NodeType.FUNCTION:
@@ -201,7 +201,7 @@ class _Tree:
     def _at(self, index: int, read: Callable[[Any], Any]) -> Any:
         """Read a node that is a child of the one that is being read. Raises `InvalidKnowledge` for a cycle."""
         if index in self._open:
-            raise InvalidKnowledge(f"node {index} of the tree is below itself")
+            raise InvalidKnowledge(f"node {index} of the tree is below itself; a tree has no cycle of children")
         if len(self._open) >= MAX_DEPTH:
             raise InvalidKnowledge(f"the tree is deeper than {MAX_DEPTH} nodes; split it")
         self._open.append(index)
@@ -236,7 +236,7 @@ class _Tree:
         return float(value)
 
     def _term(self, node: Any) -> str:
-        """The name of an object or of a variable, which a PARAMETER has in its parameters."""
+        """Return the name of an object or of a variable, which a PARAMETER has in its parameters."""
         named = node
         if self._kind(node) is NodeType.PARAMETER and not _field(node, "name"):
             named = next(iter(_field(node, "parameters") or ()), node)
@@ -249,12 +249,12 @@ class _Tree:
 
 
 def _field(message: Any, name: str) -> Any:
-    """A field of a message; None where it has none of that name."""
+    """Return a field of a message; None if it has none of that name."""
     return message.get(name) if isinstance(message, Mapping) else getattr(message, name, None)
 
 
 def _name(name: Any) -> str:
-    """A name that PDDL text can have. Raises `InvalidKnowledge` for any other."""
+    """Return a name that PDDL text can have. Raises `InvalidKnowledge` for any other."""
     if not isinstance(name, str):
         raise InvalidKnowledge(f"a name is text, not {name!r:.80}")
     wrong = None if is_wildcard(name) else problem(name)

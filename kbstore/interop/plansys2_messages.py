@@ -1,7 +1,7 @@
-"""From kbstore to PlanSys2's messages: `Param`, `Node`, `Tree`, and the details of a domain.
+"""Writes PlanSys2's messages: `Param`, `Node`, `Tree`, and the details of a domain.
 
-PlanSys2 lowers the case of a domain when it reads it and compares exactly, so symbols are written in lower case, and
-objects as they are. Its evaluation does not negate a conjunction as a whole, so negations stand before atoms.
+PlanSys2 reads a domain in lower case and compares exactly, so symbols are written in lower case, and objects as they
+are. Its evaluation does not negate a conjunction as a whole, so negations are written before atoms.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -46,7 +46,7 @@ _FIELDS = {
 """The fields of a `DurativeAction` for conditions and effects."""
 
 Names = Mapping[str, str]
-"""The name in place of a variable, which is given by its key without the question mark."""
+"""The name to write for each variable, by the variable's key without the question mark."""
 
 
 class MessageWriter:
@@ -117,7 +117,7 @@ class MessageWriter:
             if effects:
                 setattr(message, effects, self.tree(action.effects_at(timing), names))
             elif action.effects_at(timing):
-                raise _unsayable(f"the continuous effects of {action.name}")
+                raise _no_message(f"the continuous effects of {action.name}")
         return message
 
     def derived(self, rule: DerivedRule) -> Any:
@@ -143,7 +143,7 @@ class _TreeWriter:
         self._nodes: list[Any] = []
 
     def conjunction(self, parts: Iterable[Formula | Effect]) -> list[Any]:
-        """The nodes of a conjunction, whose parts may be conjunctions, too."""
+        """Return the nodes of a conjunction, whose parts may be conjunctions, too."""
         found = [part for whole in parts for part in _split(whole)]
         if found:
             self._branch(NodeType.AND, found, self._part)
@@ -163,7 +163,7 @@ class _TreeWriter:
             case _ if isinstance(part, Formula):
                 self._condition(part)
             case _:
-                raise _unsayable("a conditional, universal or continuous effect")
+                raise _no_message("a conditional, universal or continuous effect")
 
     def _condition(self, condition: Formula, *, negated: bool = False) -> None:
         match condition:
@@ -183,7 +183,7 @@ class _TreeWriter:
             case Atom() | Comparison() | Same() | Exists():
                 self._leaf(condition)
             case _:
-                raise _unsayable(condition_text(condition))
+                raise _no_message(condition_text(condition))
 
     def _leaf(self, condition: Formula, *, negate: bool = False) -> None:
         match condition:
@@ -206,7 +206,7 @@ class _TreeWriter:
         node.negate = negate
 
     def _term(self, term: str) -> None:
-        """An object or a variable; PlanSys2 has the name of a PARAMETER in its parameters."""
+        """Write an object or a variable; PlanSys2 has the name of a PARAMETER in its parameters."""
         name = _bound(term, self._names)
         if name.startswith("?"):
             self._add(NodeType.PARAMETER).parameters = [self._writer.param(name)]
@@ -233,7 +233,7 @@ class _TreeWriter:
             case float(number) | int(number):
                 self._number(float(number))
             case _:
-                raise _unsayable("?duration, #t and total-time")
+                raise _no_message("?duration, #t and total-time")
 
     def _number(self, number: float) -> None:
         self._add(NodeType.NUMBER).value = number
@@ -259,7 +259,7 @@ class _TreeWriter:
 
 
 def _split(part: Formula | Effect) -> Iterator[Formula | Effect]:
-    """The parts of a conjunction, without what is always true and without preferences, which keep nothing from it."""
+    """Yield the parts of a conjunction without truisms and preferences, which never fail."""
     match part:
         case And(parts):
             for inner in parts:
@@ -271,7 +271,7 @@ def _split(part: Formula | Effect) -> Iterator[Formula | Effect]:
 
 
 def _names(declared: Action | Signature, arguments: Sequence[str]) -> Names:
-    """Return the name for each parameter: an object as far as they are given, then its position, ``?2``."""
+    """Return the name for each parameter: its object if one is given, otherwise its position, ``?2``."""
     given = [*arguments, *(f"?{position}" for position in range(len(arguments), len(declared.parameters)))]
     return {key(p.name): name for p, name in zip(declared.parameters, given, strict=False)}
 
@@ -280,7 +280,7 @@ def _bound(argument: str, names: Names) -> str:
     return names.get(key(argument[1:]), argument) if argument.startswith("?") else argument
 
 
-def _unsayable(what: str) -> InvalidKnowledge:
+def _no_message(what: str) -> InvalidKnowledge:
     return InvalidKnowledge(
         f"PlanSys2's messages cannot carry {what}; take the PDDL text, from get_domain or get_problem"
     )

@@ -1,6 +1,6 @@
-"""The problem at a moment as a ``Problem`` of unified_planning, built through that library's own interface.
+"""Converts the state at one time to a ``Problem`` of unified_planning, through that library's own interface.
 
-What has no counterpart there is refused, all of it in one error. Needs the extra ``planning``:
+Everything without a counterpart there is refused in one error. Needs the extra ``planning``:
 ``pip install 'kbstore[planning]'``.
 """
 
@@ -41,12 +41,11 @@ __all__ = ["Happening", "MissingLibrary", "Step", "execute", "steps", "to_proble
 
 
 def to_problem(state: "State", *, environment: Any = None) -> Any:
-    """The planning problem at the time of a state, as a ``unified_planning.model.Problem``.
+    """Return the planning problem of a state as a ``unified_planning.model.Problem``.
 
     Names are spelled as the domain spells them. Absent facts are false, also where they are unknown. Timed-initial
-    knowledge, and the end effects of what runs, become timed effects relative to the state's time; a function that
-    only running actions move is constant until their ends. Recorded inequalities are statements, and not part of a
-    problem.
+    knowledge, and the end effects of running actions, become timed effects relative to the state's time; a function
+    that only running actions move is constant until their ends. Recorded inequalities are not part of a problem.
 
     Args:
         state: the state to plan from.
@@ -66,7 +65,7 @@ def to_problem(state: "State", *, environment: Any = None) -> Any:
 
 
 class _Translation:
-    """One state on its way to a problem; what is refused is collected."""
+    """Translates one state to a problem, and collects what is refused."""
 
     def __init__(self, state: "State", domain: Domain, environment: Any) -> None:
         self._up = library()
@@ -80,7 +79,7 @@ class _Translation:
                 environment.error_used_name = False
         self._environment = environment
         self._refusals = Refusals()
-        # what only running actions move rests at their ends, at a value that is among their end effects
+        # a function that only running actions move comes to rest at their ends, with a value among their end effects
         last_rates = {item.key: item.rate for _, item, _ in state.end_effects if isinstance(item, Function)}
         self._coming_to_rest = {function for function, rate in last_rates.items() if not rate}
         self._goals = [_goal_condition(goal, domain) for goal in state.goals]
@@ -96,7 +95,7 @@ class _Translation:
 
     def problem(self) -> Any:
         with warnings.catch_warnings():
-            # where one name may mean several things, the library warns of each
+            # the library warns of each name that has several meanings
             warnings.filterwarnings("ignore", message=".*[Nn]ame .* already .*")
             self._add_symbols()
             self._add_actions()
@@ -119,7 +118,7 @@ class _Translation:
     # -- the domain -------------------------------------------------------------------------------------------
 
     def _types_in_use(self) -> Iterator[str]:
-        """The types of what there is, is declared, or is quantified over."""
+        """Yield the types of objects, of parameters, and of quantified variables."""
         domain = self._domain
         yield from self._objects.values()
         parameters = (
@@ -139,7 +138,7 @@ class _Translation:
         domain, problem = self._domain, self._problem
         with self._refusals.of("the types"):
             for user_type in self._symbols.types():
-                # the library has no public way to add a type that nothing is of
+                # the library has no public way to add a type without objects and parameters
                 problem._add_user_type(user_type)
         for signature in domain.predicate_signatures.values():
             if not domain.is_derived(signature.name):
@@ -180,7 +179,7 @@ class _Translation:
                 self._problem.set_initial_value(self._fluent(function), self._value(function))
 
     def _scheduled(self) -> Iterable[tuple[int, KnowledgeItem, str]]:
-        """Yield timed knowledge, each with its description; of several about one thing at one time, the last counts."""
+        """Return timed knowledge with descriptions; the last of several on one timeline at one time counts."""
         last: dict[tuple[object, ...], tuple[int, KnowledgeItem, str]] = {}
         for item in self._state.timed_knowledge:
             t = item.initial_time
@@ -226,7 +225,7 @@ class _Translation:
 
 
 def _subject(item: KnowledgeItem) -> tuple[object, ...]:
-    """The thing that an item is about: a fact, a function, or the item itself."""
+    """Return the subject of an item: a fact, a function, or the item itself."""
     return (item.knowledge_type, *item.key) if isinstance(item, Fact | Function) else (str(item),)
 
 

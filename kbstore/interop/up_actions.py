@@ -1,4 +1,4 @@
-"""Operators as the actions of unified_planning."""
+"""Translates operators to actions of unified_planning."""
 
 from collections.abc import Iterator
 from functools import partial
@@ -30,7 +30,7 @@ from kbstore.pddl.printer import effect_text
 
 
 class _Simple(NamedTuple):
-    """An effect without ``when`` and ``forall``, and what these say of it."""
+    """An effect without its ``when`` and ``forall``, and their conditions and variables."""
 
     effect: Add | Delete | NumericEffect
     scope: UpVariables
@@ -49,7 +49,7 @@ class ActionTranslator:
         self._make = formulas.symbols.environment.expression_manager
 
     def action(self, action: Action) -> Any:
-        """The operator as an ``InstantaneousAction`` or a ``DurativeAction``."""
+        """Translate an operator to an ``InstantaneousAction`` or a ``DurativeAction``."""
         kind = self._up.model.DurativeAction if action.durative else self._up.model.InstantaneousAction
         made = kind(action.name, self._formulas.symbols.parameters(action.parameters), self._environment)
         scope = {key(p.name): self._make.ParameterExp(made.parameter(p.name)) for p in action.parameters}
@@ -72,7 +72,7 @@ class ActionTranslator:
     # -- durations --------------------------------------------------------------------------------------------
 
     def _duration(self, action: Action, scope: UpVariables) -> Any:
-        """The interval of the duration; what is not bounded is bounded by the range of durations."""
+        """Return the interval of the duration; a missing bound is that of the range of durations."""
         lower: tuple[Any, bool] | None = None
         upper: tuple[Any, bool] | None = None
         for constraint in action.duration:
@@ -92,10 +92,10 @@ class ActionTranslator:
         return self._up.model.timing.DurationInterval(least, most, least_open, most_open)
 
     def _duration_value(self, action: Action, moment: Timing, scope: UpVariables) -> Any:
-        """The value of ``?duration`` at a part of the action; None if there is none.
+        """Return the value of ``?duration`` at a part of the action; None if there is none.
 
-        There is no word for it in unified_planning; a duration that the domain fixes can be written out where it is
-        the same as at the start.
+        unified_planning has no ``?duration``; a duration that the domain fixes can be written out where it is the same
+        as at the start.
         """
         fixed = [c.bound for c in action.duration if c.comparison is ComparisonType.EQUALS]
         if len(fixed) != 1 or not (moment is Timing.AT_START or self._is_constant(fixed[0])):
@@ -191,7 +191,7 @@ class ActionTranslator:
 
 
 def changed_functions(domain: Domain) -> Iterator[str]:
-    """The keys of the functions that some operator changes."""
+    """Yield the keys of the functions that some operator changes."""
     todo: list[Formula | Effect] = [effect for action in domain.actions.values() for _, effect in action.effects]
     while todo:
         node = todo.pop()

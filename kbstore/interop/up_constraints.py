@@ -1,4 +1,4 @@
-"""Constraints on a plan's course (PDDL 3.0) as the trajectory constraints of unified_planning."""
+"""Translates trajectory constraints (PDDL 3.0) to those of unified_planning."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -21,12 +21,12 @@ _MAKERS = {
     "sometime-before": "SometimeBefore",
     "sometime-after": "SometimeAfter",
 }
-"""The words that unified_planning has, and its names for them."""
+"""The operators that unified_planning has, and its names for them."""
 
 
 @dataclass(frozen=True)
 class TrajectoryConstraint:
-    """A constraint: ``and``, ``forall``, or one of the words with its conditions."""
+    """A constraint: ``and``, ``forall``, or an operator with its conditions."""
 
     word: str
     parts: tuple[Union[Formula, "TrajectoryConstraint"], ...]
@@ -34,9 +34,9 @@ class TrajectoryConstraint:
 
 
 def read_constraint(text: str, domain: Domain) -> TrajectoryConstraint:
-    """The constraint that a text, which has been read before, says.
+    """Read a constraint from its stored text, which has been checked before.
 
-    Raises `InvalidKnowledge` for one that unified_planning has no word for.
+    Raises `InvalidKnowledge` for an operator that unified_planning does not have.
     """
     source = SourceText(text)
     reader = ConditionReader(Scope(source, domain))
@@ -60,7 +60,7 @@ def _read(reader: ConditionReader, group: Group, variables: Variables) -> Trajec
 
 
 def translated(constraint: TrajectoryConstraint, formulas: FormulaTranslator, scope: UpVariables = NOTHING) -> Any:
-    """The constraint as an expression of unified_planning."""
+    """Return the constraint as an expression of unified_planning."""
     make = formulas.symbols.environment.expression_manager
     if constraint.word in _MAKERS:
         conditions = [part for part in constraint.parts if not isinstance(part, TrajectoryConstraint)]
@@ -81,7 +81,7 @@ def translated(constraint: TrajectoryConstraint, formulas: FormulaTranslator, sc
 
 
 def types_of(constraint: TrajectoryConstraint) -> Iterator[str]:
-    """The types that a constraint's quantifiers range over."""
+    """Yield the types that a constraint's quantifiers range over."""
     yield from (type_name for parameter in constraint.parameters for type_name in parameter.types)
     for part in constraint.parts:
         yield from types_of(part) if isinstance(part, TrajectoryConstraint) else quantified(part)

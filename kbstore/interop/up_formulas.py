@@ -1,4 +1,4 @@
-"""Translation of expressions and conditions to those of unified_planning."""
+"""Translates expressions and conditions to those of unified_planning."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from fractions import Fraction
@@ -35,7 +35,7 @@ NOTHING: UpVariables = {}
 
 
 class FormulaTranslator:
-    """Translates formulas; what has no counterpart is `InvalidKnowledge` that names it."""
+    """Translates formulas; raises `InvalidKnowledge` for parts without a counterpart."""
 
     def __init__(self, symbols: SymbolTranslator) -> None:
         self.symbols = symbols
@@ -45,7 +45,7 @@ class FormulaTranslator:
     # -- terms and numbers ------------------------------------------------------------------------------------
 
     def term(self, name: str, scope: UpVariables) -> Any:
-        """An object, or the binding of a variable."""
+        """Return an object, or the binding of a variable."""
         if not name.startswith("?"):
             return self._make.ObjectExp(self.symbols.object(name))
         if key(name[1:]) not in scope:
@@ -53,20 +53,20 @@ class FormulaTranslator:
         return scope[key(name[1:])]
 
     def fact(self, atom: Atom, scope: UpVariables = NOTHING) -> Any:
-        """A predicate with its arguments."""
+        """Translate a predicate with its arguments."""
         return self.symbols.predicate(atom.name)(*(self.term(argument, scope) for argument in atom.arguments))
 
     def function(self, atom: Atom, scope: UpVariables = NOTHING) -> Any:
-        """A numeric function with its arguments."""
+        """Translate a numeric function with its arguments."""
         return self.symbols.function(atom.name)(*(self.term(argument, scope) for argument in atom.arguments))
 
     def number(self, number: float) -> Any:
-        """A number, as the decimal that it is written as."""
+        """Translate a number exactly as its decimal text."""
         exact = Fraction(format_number(number))
         return self._make.Int(int(exact)) if exact.denominator == 1 else self._make.Real(exact)
 
     def expression(self, expression: NumericExpression, scope: UpVariables = NOTHING, duration: Any = None) -> Any:
-        """A numeric expression; `duration` is the translated value of ``?duration``, if it has one."""
+        """Translate a numeric expression; `duration` is the translated value of ``?duration``, if it has one."""
 
         def leaf(token: Token) -> Any:
             if isinstance(token, Atom):
@@ -95,7 +95,7 @@ class FormulaTranslator:
     # -- conditions -------------------------------------------------------------------------------------------
 
     def condition(self, node: Formula, scope: UpVariables = NOTHING, duration: Any = None) -> Any:
-        """A condition."""
+        """Translate a condition; `duration` is the translated value of ``?duration``, if it has one."""
         match node:
             case Truism():
                 return self._make.TRUE()
@@ -127,10 +127,10 @@ class FormulaTranslator:
                 raise InvalidKnowledge(f"{condition_text(node)} has no counterpart in unified_planning")
 
     def bound(self, parameters: Sequence[Parameter], scope: UpVariables) -> Iterator[tuple[list[Any], UpVariables]]:
-        """Variables for parameters, and the scope with them.
+        """Yield variables for parameters, and the scope with them.
 
-        A variable of unified_planning has one type: an ``either`` makes several lists of variables, which together
-        range over the same objects. A name that is in use gets a number, so that nothing is hidden.
+        A variable of unified_planning has one type, so an ``either`` gives several lists of variables, which together
+        range over the same objects. A name that is in use gets a number, so that it hides no other variable.
         """
         for types in product(*(p.types for p in parameters)):
             variables, inner = [], dict(scope)
@@ -145,7 +145,7 @@ class FormulaTranslator:
             yield variables, inner
 
     def is_of(self, term: Any, types: tuple[str, ...], scope: UpVariables) -> Any:
-        """That an object is of one of the types: it is the same as some object of them."""
+        """Return the condition that an object is of one of the types: it equals some object of them."""
         same = (variable for (variable,), _ in self.bound((Parameter("same", types),), scope))
         return self._make.Or(*(self._make.Exists(self._make.Equals(variable, term), variable) for variable in same))
 

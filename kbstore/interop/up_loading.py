@@ -78,7 +78,7 @@ Source = str | os.PathLike[str]
 
 def sources(domain: Source | PlanningProblem | None, problem: Source | None) -> tuple[Source | None, Source | None]:
     """Return the domain and the problem to read, which may be given as one `unified_planning` Problem."""
-    # nobody has one if the library has not been imported
+    # compared by name, so that the library need not be imported
     names = [f"{kind.__module__}.{kind.__name__}" for kind in type(domain).__mro__]
     if "unified_planning.model.abstract_problem.AbstractProblem" not in names:
         return cast("Source | None", domain), problem
@@ -91,7 +91,7 @@ def pddl_of(problem: PlanningProblem) -> PddlTexts:
     """Write a `unified_planning` Problem as PDDL, in its own names.
 
     The bounds of bounded numbers are left out, as PDDL has none. Raises `InvalidKnowledge` with everything else that
-    PDDL, or a knowledge base, has no words for.
+    PDDL, or a knowledge base, cannot express.
     """
     up = library()
     if not isinstance(problem, up.model.Problem) or isinstance(problem, up.model.htn.HierarchicalProblem):
@@ -126,7 +126,7 @@ class _Writer:
         return PddlTexts(domain, text)
 
     def _refuse_equal_names(self) -> None:
-        """PDDL ignores case, unified_planning does not."""
+        """Refuse names that differ in case alone: PDDL ignores case, unified_planning does not."""
         problem = self._problem
         transitions = (*problem.actions, *problem.processes, *problem.events)
         for group in (problem.fluents, transitions, problem.all_objects, problem.user_types):
@@ -170,7 +170,7 @@ class _Writer:
 
     def _transition(self, transition: Any) -> Iterator[str]:
         if getattr(transition, "simulated_effect", None) or getattr(transition, "simulated_effects", None):
-            raise InvalidKnowledge("a simulated effect is a function of Python, which PDDL cannot say")
+            raise InvalidKnowledge("a simulated effect is a function of Python, which PDDL cannot express")
         model = self._up.model
         is_durative = isinstance(transition, model.DurativeAction)
         words = {model.Process: ":process", model.Event: ":event", model.DurativeAction: ":durative-action"}
@@ -192,7 +192,7 @@ class _Writer:
         yield f"    :effect {_and(effects)})"
 
     def _constants(self) -> Mapping[str, Any]:
-        """The objects that actions, processes and events name; they are the domain's, all others the problem's."""
+        """Return the objects that actions, processes and events name; all others belong to the problem."""
         nodes: list[Any] = [] if not self._costs else [cost for cost in self._costs.values() if cost is not None]
         for transition in (*self._problem.actions, *self._problem.processes, *self._problem.events):
             if isinstance(transition, self._up.model.DurativeAction):
@@ -234,7 +234,7 @@ class _Writer:
         yield from self._metric()
 
     def _initial(self, fluent: Any) -> Iterator[str]:
-        """The values of a fluent that are not false."""
+        """Yield the values of a fluent that are not false."""
         problem = self._problem
         default = problem.fluents_defaults.get(fluent)
         explicit = {node: value for node, value in problem.explicit_initial_values.items() if node.fluent() == fluent}
@@ -255,7 +255,7 @@ class _Writer:
         """Yield the initial constraints of a contingent problem on fluents whose values are unknown."""
         problem = self._problem
         for nodes in getattr(problem, "or_constraints", ()):
-            # the library has (unknown (p)) as (or (not (p)) (p))
+            # the library represents (unknown (p)) as (or (not (p)) (p))
             unknown = len(nodes) == 2 and any(f"(not {one})" == str(other) for one, other in permutations(nodes))
             texts = [expression_text(node) for node in nodes]
             yield f"(unknown {min(texts, key=len)})" if unknown else f"(or {' '.join(texts)})"
@@ -292,7 +292,7 @@ class _Writer:
                 elif metric.is_maximize_expression_on_final_state():
                     yield f"  (:metric maximize {expression_text(metric.expression)})"
                 elif self._preferences:
-                    # as much as possible of the gains is as little as possible of what is not gained
+                    # to maximize what is gained is to minimize what is lost
                     lost = [f"(* {number_text(gain)} (is-violated {name}))" for name, gain in self._preferences]
                     total = lost[0] if len(lost) == 1 else f"(+ {' '.join(lost)})"
                     yield f"  (:metric minimize {total})"
@@ -316,7 +316,7 @@ def _duration(duration: Any) -> str:
 
 
 def _moment(timing: Any) -> str:
-    """``start`` or ``end``, of the action."""
+    """Return the part of the action, ``start`` or ``end``."""
     if timing.delay or timing.is_global() or timing.timepoint.container is not None:
         raise InvalidKnowledge(f"{timing} is neither the start nor the end of the action, and PDDL has no other times")
     return "start" if timing.is_from_start() else "end"

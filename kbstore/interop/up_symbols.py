@@ -1,4 +1,4 @@
-"""The types, predicates, functions and objects of a knowledge base as those of unified_planning."""
+"""Translates types, predicates, functions and objects to those of unified_planning."""
 
 import importlib
 from collections import Counter, OrderedDict
@@ -14,7 +14,7 @@ from kbstore.names import key
 
 
 def library() -> Any:
-    """The package unified_planning. Raises `MissingLibrary` if it is not installed."""
+    """Import the package unified_planning. Raises `MissingLibrary` if it is not installed."""
     try:
         importlib.import_module("unified_planning.shortcuts")
         return importlib.import_module("unified_planning")
@@ -31,7 +31,7 @@ class Refusals:
     def __init__(self) -> None:
         self.violations: list[str] = []
         up = library()
-        # besides its own exceptions the library refuses by assertions, and recurses into deep formulas
+        # besides its own exceptions the library raises assertions, and recurses into deep formulas
         self._kinds = (up.exceptions.UPException, AssertionError, RecursionError)
 
     @contextmanager
@@ -72,7 +72,7 @@ class SymbolTranslator:
         self._named = {key(name): (name, type_name) for name, type_name in objects.items()}
 
     def object(self, name: str) -> Any:
-        """The object or constant of that name. Raises `InvalidKnowledge` if there is none."""
+        """Translate an object or constant. Raises `InvalidKnowledge` if there is none of that name."""
         name_key = key(name)
         if name_key not in self._named:
             raise InvalidKnowledge(f"{name} does not exist")
@@ -82,11 +82,11 @@ class SymbolTranslator:
         return self._objects[name_key]
 
     def types(self) -> list[Any]:
-        """All types of the domain."""
+        """Translate all types of the domain."""
         return [self.type(name) for name in self.domain.types if self.has_root or key(name) != ROOT_TYPE]
 
     def type(self, name: str) -> Any:
-        """The type of that name. Raises `InvalidKnowledge` for one that has several parents, or is below itself."""
+        """Translate a type. Raises `InvalidKnowledge` for one that has several parents, or is below itself."""
         above = [key(name)]
         while above[-1] != ROOT_TYPE:
             parent = self._parents.get(above[-1], ROOT_TYPE)
@@ -106,17 +106,17 @@ class SymbolTranslator:
         return father
 
     def parameters(self, parameters: Sequence[Parameter]) -> "OrderedDict[str, Any]":
-        """Parameters with their types."""
+        """Translate parameters with their types."""
         return OrderedDict((p.name, self.type(common_type(self.domain, p.types))) for p in parameters)
 
     def predicate(self, name: str) -> Any:
-        """The fluent for a predicate. Raises `InvalidKnowledge` for a derived one."""
+        """Translate a predicate to a fluent. Raises `InvalidKnowledge` for a derived one."""
         if self.domain.is_derived(name):
             raise InvalidKnowledge(f"{name} is a derived predicate, and unified_planning has none")
         return self._fluent(self.domain.predicate_signature(name), self.environment.type_manager.BoolType())
 
     def function(self, name: str) -> Any:
-        """The fluent for a numeric function."""
+        """Translate a numeric function to a fluent."""
         return self._fluent(self.domain.function_signature(name), self.environment.type_manager.RealType())
 
     def _fluent(self, signature: Signature, values: Any) -> Any:
@@ -128,7 +128,7 @@ class SymbolTranslator:
 
 
 def _distinct(parameters: Sequence[Parameter]) -> list[Parameter]:
-    """The parameters of a predicate or function; a name that is given twice, as PDDL allows, gets a number."""
+    """Number the names of parameters that are given twice, as PDDL allows for predicates and functions."""
     names: dict[str, str] = {}
     for parameter in parameters:
         name, number = parameter.name, 2
@@ -139,7 +139,7 @@ def _distinct(parameters: Sequence[Parameter]) -> list[Parameter]:
 
 
 def common_type(domain: Domain, types: Sequence[str]) -> str:
-    """The nearest type that all the types are of."""
+    """Return the nearest common supertype of types."""
     first, *others = types
     return next(
         above for above in domain.supertypes(first) if all(domain.is_subtype(other, (above,)) for other in others)
@@ -147,7 +147,7 @@ def common_type(domain: Domain, types: Sequence[str]) -> str:
 
 
 def quantified(formula: Formula | Effect) -> Iterator[str]:
-    """The types that the quantifiers of a condition or an effect range over."""
+    """Yield the types that the quantifiers of a condition or an effect range over."""
     todo: list[Formula | Effect] = [formula]
     while todo:
         node = todo.pop()
@@ -157,7 +157,7 @@ def quantified(formula: Formula | Effect) -> Iterator[str]:
 
 
 def ambiguous_names(domain: Domain, objects: Iterable[str]) -> list[str]:
-    """The names that mean several things; PDDL distinguishes them, unified_planning only if asked to."""
+    """Return the names that mean several things; PDDL distinguishes these, unified_planning only if asked to."""
     predicates = (signature.name for signature in domain.predicate_signatures.values())
     functions = (signature.name for signature in domain.function_signatures.values())
     operators = (action.name for action in domain.actions.values())

@@ -1,4 +1,4 @@
-"""Expressions and effects of unified_planning as PDDL text."""
+"""Writes expressions and effects of unified_planning as PDDL text."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from fractions import Fraction
@@ -30,7 +30,7 @@ _WORDS = {
 
 
 def expression_text(node: Any) -> str:
-    """Write a condition or a numeric expression. Raises `InvalidKnowledge` for what PDDL has no words for."""
+    """Write a condition or a numeric expression. Raises `InvalidKnowledge` for what PDDL cannot express."""
     kind = node.node_type.name
     match kind:
         case "BOOL_CONSTANT":
@@ -51,14 +51,14 @@ def expression_text(node: Any) -> str:
             left, right = map(expression_text, node.args)
             return f"(and (imply {left} {right}) (imply {right} {left}))"
         case "EQUALS" if node.arg(0).type.is_bool_type():
-            raise InvalidKnowledge(f"{node}: PDDL has no = between conditions; say it with Iff")
+            raise InvalidKnowledge(f"{node}: PDDL has no = between conditions; use Iff")
     if kind not in _WORDS:
         raise InvalidKnowledge(f"{node}: PDDL has no words for {kind.lower().replace('_', ' ')}")
     return f"({' '.join((_WORDS[kind], *map(expression_text, node.args)))})"
 
 
 def number_text(number: Fraction) -> str:
-    """Write an exact number: as a decimal, or as a quotient where it is none."""
+    """Write an exact number: as a decimal if that of the nearest double is exact, otherwise as a quotient."""
     value = float(number)
     if Fraction(format_number(value)) == number:
         return format_number(value)
@@ -66,12 +66,12 @@ def number_text(number: Fraction) -> str:
 
 
 def decimal_text(node: Any) -> str:
-    """Write a constant as what an initial state has: a decimal, to the nearest double."""
+    """Write a constant as a decimal, to the nearest double, as initial states need it."""
     return format_number(float(Fraction(node.constant_value())))
 
 
 def effects_text(effects: Iterable[Any]) -> Iterator[str]:
-    """Write effects of one moment."""
+    """Write effects of one part of an action."""
     for effect in effects:
         fluent, value = expression_text(effect.fluent), effect.value
         if effect.fluent.type.is_bool_type():
@@ -107,7 +107,7 @@ def type_name(of: Any) -> str:
 
 
 def name_of(thing: Any) -> str:
-    """Return the name of anything. Raises `InvalidKnowledge` if it cannot be one here."""
+    """Return the name of an object of the library. Raises `InvalidKnowledge` if kbstore does not accept it."""
     check(thing.name, type(thing).__name__.strip("_").lower())
     return str(thing.name)
 
