@@ -108,7 +108,7 @@ def history_picture(assertions: Sequence["Assertion"]) -> str:
         item = found.item
         kind = getattr(item, "knowledge_type", None)
         is_number = kind is KnowledgeType.FUNCTION and not found.is_goal
-        name = str(getattr(item, "atom", item)) if is_number else _positive(str(item))
+        name = str(getattr(item, "atom", item)) if is_number else item.text
         until = "" if found.end_time is None else f" until {isoformat(found.end_time)}"
         lanes.setdefault(f"goal {name}" if found.is_goal else name, []).append(
             Bar(
@@ -174,10 +174,6 @@ def _values(found: "Assertion") -> tuple[float, float]:
     value = float(getattr(found.item, "function_value", 0.0) or 0.0)
     lasted = 0 if found.end_time is None else found.end_time - found.initial_time
     return value, moved(value, getattr(found.item, "rate", 0.0), lasted)
-
-
-def _positive(text: str) -> str:
-    return text.removeprefix("(not ").removesuffix(")") if text.startswith("(not ") else text
 
 
 def _bars(

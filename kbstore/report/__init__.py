@@ -1,4 +1,1 @@
-"""Answers for people to read: tables and trees for a terminal (rich).
-
-The command line and the demonstration show everything through here.
-"""
+"""Answers for people: tables and trees for a terminal (rich), timelines, and the record as tables for other tools."""

@@ -1,4 +1,4 @@
-"""Which belief is meant: a time, or a transaction, as people write it."""
+"""Reads transactions as people write them, to name a belief: ``tx12`` or ``#12``."""
 
 import re
 from contextlib import suppress
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 def named_transaction(text: str, kb: "KnowledgeBase") -> Transaction | None:
     """Return the transaction that ``tx12`` or ``#12`` names; None for any other text.
 
-    Raises `InvalidTime` where there is no transaction of that number.
+    Raises `InvalidTime` if there is no transaction of that number.
     """
     numbered = re.fullmatch(r"(?:tx|#)([0-9]{1,18})", text.strip().lower())
     if numbered is None:

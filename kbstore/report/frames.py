@@ -9,7 +9,10 @@ from kbstore.report.relations import Kind, Relation
 
 
 def arrow_table(found: Relation) -> Any:
-    """Return a `pyarrow.Table`: times as ``timestamp[ns, UTC]``, None as null."""
+    """Return a relation as a `pyarrow.Table`: times as ``timestamp[ns, UTC]``, None as null.
+
+    Raises `MissingLibrary` if pyarrow is not installed.
+    """
     pa = _library()
     types = {
         Kind.TEXT: pa.string(),
@@ -25,7 +28,7 @@ def arrow_table(found: Relation) -> Any:
 
 
 def parquet_bytes(found: Relation) -> bytes:
-    """Return a relation as a Parquet file, in which times keep their nanoseconds."""
+    """Return a relation as the bytes of a Parquet file, with times to the nanosecond. Raises `MissingLibrary`."""
     file = io.BytesIO()
     table = arrow_table(found)
     importlib.import_module("pyarrow.parquet").write_table(table, file)

@@ -1,12 +1,12 @@
-"""The record as a trace in the JSON of the Trace Event Format, which Perfetto and ``chrome://tracing`` show.
+"""Writes the record as a trace in the Trace Event Format (JSON), which Perfetto and ``chrome://tracing`` show.
 
 A predicate is a process and each of its facts a thread in it, with a slice for each span in which it is true or
 explicitly false; an operator is a process, too, with a slice for each run. A number is a counter, with its value at
-each corner; between corners readers draw steps. Transactions are instants. What is open has no end. What was cancelled
-or superseded is left out.
+each corner; viewers draw steps between corners. Transactions are instants. An open slice has no end. Cancelled and
+superseded assertions are left out.
 
-The format counts in microseconds, and readers in doubles: times are after the trace's `origin`, with three decimals, so
-that nanoseconds are exact within 104 days.
+The format counts in microseconds, and viewers in doubles: times count from the trace's `origin`, with three decimals,
+so that nanoseconds are exact within 104 days.
 """
 
 import json
@@ -36,8 +36,8 @@ def trace_text(
 
     Args:
         kb: the knowledge base.
-        since: the begin of the span; None: that of the history.
-        until: its end; None: no end. What overlaps the span has its own ends.
+        since: the beginning of the span; None: that of the history.
+        until: its end; None: no end. A slice that overlaps the span is not cut.
         as_of: a time or a transaction: what was on record then.
     """
     since = kb.history_from if since is None else since
@@ -55,7 +55,7 @@ def trace_text(
 
 
 class _Trace:
-    """Makes the events of one trace, and numbers its processes and threads as they are met."""
+    """Makes the events of one trace, and numbers its processes and threads as they occur."""
 
     def __init__(self, origin: int) -> None:
         self._origin = origin
@@ -63,7 +63,7 @@ class _Trace:
         self._threads: dict[tuple[int, str], tuple[int, str]] = {}
 
     def transactions(self, found: list[Transaction]) -> Iterator[str]:
-        """An instant for each transaction."""
+        """Yield an instant for each transaction."""
         for tx in found:
             place = self._place("", "transactions", "transactions")
             by = f" by {tx.client}" if tx.client else ""
@@ -71,7 +71,7 @@ class _Trace:
             yield self._event("i", tx.time, place, name=f"#{tx.number}{by}", cat="transaction", s="t", args=args)
 
     def runs(self, found: list[Run]) -> Iterator[str]:
-        """A slice for each run, from its start to its end."""
+        """Yield a slice for each run, from its start to its end."""
         for run in found:
             place = self._place("action", run.operator, " ".join(run.arguments) or run.operator)
             args = {
@@ -85,7 +85,7 @@ class _Trace:
             yield self._slice(run.started, run.ended, place, name=run.action, cat="run", args=args)
 
     def assertions(self, found: list[Assertion]) -> Iterator[str]:
-        """A slice for each assertion of a fact, and the corners of numbers."""
+        """Yield a slice for each assertion of a fact, and the corners of numbers."""
         for each in found:
             item = each.item
             if isinstance(item, Fact) and each.end_time != each.initial_time:
@@ -109,7 +109,7 @@ class _Trace:
             yield self._named("thread_sort_index", (pid, tid), sort_index=tid)
 
     def _process(self, kind: str, name: str) -> int:
-        """The number of a process; a predicate and an operator of one name are two."""
+        """Return the number of a process; a predicate and an operator of one name are two processes."""
         shown = f"{name} ({kind})" if kind else name
         return self._processes.setdefault((kind, key(name)), (len(self._processes) + 1, shown))[0]
 
@@ -119,7 +119,7 @@ class _Trace:
 
     def _slice(self, start: int, end: int | None, place: Place, **fields: Any) -> str:
         if end is None:
-            # a beginning without an end: it is still so
+            # an open slice is a beginning without an end
             return self._event("B", start, place, **fields)
         return self._event("X", start, place, duration=end - start, **fields)
 
@@ -127,7 +127,7 @@ class _Trace:
         return self._event("C", t, place, name=name, cat="number", args={"value": value})
 
     def _event(self, phase: str, t: int, place: Place, duration: int | None = None, **fields: Any) -> str:
-        """An event as JSON; its times are written here, as no double holds them in general."""
+        """Write an event as JSON; its times are written as text, as doubles would round them."""
         times = f'"ts":{_microseconds(t - self._origin)}'
         if duration is not None:
             times += f',"dur":{_microseconds(duration)}'
@@ -140,7 +140,7 @@ class _Trace:
 
 
 def _microseconds(ns: int) -> str:
-    """Nanoseconds as a number of microseconds, exactly; negative ones, too.
+    """Write nanoseconds as microseconds, exactly, negative ones, too.
 
     >>> _microseconds(1_000_001), _microseconds(-1), _microseconds(2_000)
     ('1000.001', '-0.001', '2')

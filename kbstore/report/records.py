@@ -1,4 +1,4 @@
-"""The record as tables and trees for people: histories, transactions, differences, intervals, explanations."""
+"""Shows the record as tables and trees: histories, transactions, differences, intervals, explanations."""
 
 from collections.abc import Iterable, Mapping, Sequence
 
@@ -15,7 +15,7 @@ from kbstore.report.time_format import DAY, TimeFormat, span
 
 
 def history_view(assertions: Sequence[Assertion]) -> RenderableType:
-    """Assertions as a table; where all times are of one day, the day is a heading, and the table fits 100 columns."""
+    """Show assertions as a table; if all times are of one day, that is a heading, and the table fits 100 columns."""
     if not assertions:
         return Text("nothing is recorded of it in that span")
     times = [
@@ -31,7 +31,7 @@ def history_view(assertions: Sequence[Assertion]) -> RenderableType:
 
 
 def history_table(assertions: Sequence[Assertion], moments: TimeFormat) -> RenderableType:
-    """Assertions in order of time: when each held, who recorded it, and who ended or cancelled it."""
+    """Show assertions in order of time: when each held, who recorded it, and who ended or cancelled it."""
     rows = [
         (
             item_text(found.item),
@@ -47,7 +47,7 @@ def history_table(assertions: Sequence[Assertion], moments: TimeFormat) -> Rende
 
 
 def bindings_table(bindings: Sequence[Mapping[str, str]]) -> RenderableType:
-    """Bindings of variables: a column for each variable."""
+    """Show bindings of variables, with a column for each variable."""
     if not bindings:
         return Text("none")
     if not bindings[0]:
@@ -56,7 +56,7 @@ def bindings_table(bindings: Sequence[Mapping[str, str]]) -> RenderableType:
 
 
 def runs_view(runs: Sequence[Run]) -> RenderableType:
-    """Runs as a table, and below it the invariants that were broken."""
+    """Show runs as a table, and below it the invariants that were broken."""
     if not runs:
         return Text("nothing ran in that span")
     times = [t for run in runs for t in (run.started, run.expected_end, run.ended) if t is not None]
@@ -85,7 +85,7 @@ def runs_view(runs: Sequence[Run]) -> RenderableType:
 
 
 def outcome(found: Assertion, moments: TimeFormat) -> str:
-    """Which transaction ended an assertion, cancelled it before it took effect, or superseded it."""
+    """Return which transaction ended an assertion, cancelled it before it took effect, or superseded it."""
     if found.superseded is not None:
         return f"superseded by {by(found.superseded, moments)}"
     if found.cancelled is not None:
@@ -94,14 +94,14 @@ def outcome(found: Assertion, moments: TimeFormat) -> str:
 
 
 def by(transaction: Transaction, moments: TimeFormat, beside: int | None = None) -> str:
-    """A transaction in a few words: its number, its client, and its time unless that is `beside` it already."""
+    """Return a transaction in a few words: its number, its client, and its time unless that is `beside` it already."""
     client = f" by {printable(transaction.client)}" if transaction.client else ""
     time = "" if transaction.time == beside else f" at {moments.absolute(transaction.time)}"
     return f"#{transaction.number}{client}{time}"
 
 
 def log_table(transactions: Iterable[Transaction], moments: TimeFormat) -> RenderableType:
-    """Transactions, one per line."""
+    """Show transactions, one per line."""
     rows = [
         (f"#{tx.number}", moments.absolute(tx.time), printable(tx.client), printable(tx.note), str(tx.changes))
         for tx in transactions
@@ -133,7 +133,7 @@ def change_view(change: Change, moments: TimeFormat) -> RenderableType:
 
 
 def diff_view(diff: Diff) -> RenderableType:
-    """The differences between two times, one per line."""
+    """Show the differences between two times, one per line."""
     rows: list[tuple[str, Text | str]] = []
     for what, items in (
         ("became true", diff.became_true),
@@ -154,7 +154,7 @@ def diff_view(diff: Diff) -> RenderableType:
 
 
 def intervals_table(found: Intervals, moments: TimeFormat) -> RenderableType:
-    """The intervals in which a condition is true, and how long altogether."""
+    """Show the intervals in which a condition is true, and for how long altogether."""
     if not found:
         return Text("never true in that span")
     rows = [(moments.absolute(start), moments.absolute(end), span(end - start)) for start, end in found]
@@ -163,7 +163,7 @@ def intervals_table(found: Intervals, moments: TimeFormat) -> RenderableType:
 
 
 def explanation_tree(explanation: Explanation, moments: TimeFormat) -> RenderableType:
-    """An explanation with the parts that decide it below."""
+    """Show an explanation, with the parts that decide it below."""
     root = Tree(_explanation_line(explanation, moments))
     waiting = [(root, part) for part in reversed(explanation.parts)]
     while waiting:
@@ -188,7 +188,7 @@ def _explanation_line(explanation: Explanation, moments: TimeFormat) -> Text:
 
 
 def applicability_view(action: str, answer: Applicability, moments: TimeFormat) -> RenderableType:
-    """Return whether an action can be applied, and which conditions fail."""
+    """Show whether an action can be applied, and which conditions fail."""
     if answer:
         return Text(f"{action} is applicable")
     lines = [Text(f"{action} is not applicable:")]
@@ -200,7 +200,7 @@ def applicability_view(action: str, answer: Applicability, moments: TimeFormat) 
 
 
 def item_text(item: KnowledgeItem | Condition) -> Text:
-    """An item in PDDL, marked where it is explicitly false."""
+    """Return an item in PDDL, coloured if it is explicitly false."""
     return Text(str(item), FALSE if getattr(item, "is_negative", False) else "")
 
 

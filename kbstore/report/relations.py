@@ -1,4 +1,4 @@
-"""The record as relations: rows of facts, numbers, runs and transactions, under the column names of the SQL views."""
+"""Reads the record as relations: facts, numbers, runs and transactions, with the column names of the SQL views."""
 
 import csv
 import io
@@ -32,7 +32,7 @@ class Kind(StrEnum):
 
 @dataclass(frozen=True)
 class Relation:
-    """Named columns, each of one kind, and rows; a cell is None where there is nothing."""
+    """Named columns, each of one kind, and rows; an empty cell is None."""
 
     columns: tuple[tuple[str, Kind], ...]
     rows: Sequence[Row]
@@ -95,9 +95,9 @@ def relation(
     until: TimeLike | None = None,
     as_of: AsOf | None = None,
 ) -> Relation:
-    """Read facts, numbers, runs or transactions of a span; the arguments are those of `KnowledgeBase.frame`."""
+    """Read facts, numbers, runs or transactions of a span; arguments and errors are those of `KnowledgeBase.frame`."""
     if of not in COLUMNS:
-        raise InvalidKnowledge(f"there is nothing like {of!r:.80}; give one of {', '.join(COLUMNS)}")
+        raise InvalidKnowledge(f"there is no table {of!r:.80}; give one of {', '.join(COLUMNS)}")
     since = kb.history_from if since is None else since
     rows: Iterator[Row]
     if of == "transactions":
@@ -125,7 +125,7 @@ def csv_text(found: Relation) -> str:
 
 
 def nine_decimals(t: int) -> str:
-    """The time as ISO 8601 in UTC with nine decimals, so that texts are in the order of times.
+    """Write a time in nanoseconds as ISO 8601 in UTC with nine decimals, so that texts sort by time.
 
     >>> nine_decimals(1_500_000_000)
     '1970-01-01T00:00:01.500000000Z'

@@ -1,4 +1,4 @@
-"""The parts of a state that are shown: those that match patterns, refer to an object, or are of some kinds."""
+"""Selects parts of a state to show: those that match patterns, refer to an object, or are of some kinds."""
 
 import re
 from collections import Counter
@@ -25,10 +25,10 @@ from kbstore.reading.patterns import Pattern
 from kbstore.reading.state import State
 
 FOLDED = 5
-"""So many facts or numbers of one name are shown even if no action changes them."""
+"""The most facts or numbers of one name that are shown although no action changes them."""
 
 _NAME = re.compile(r"(?<=\s)[^\s()]+")
-"""A word of PDDL text that is not the first in its brackets."""
+"""A word of PDDL text that is not the first one in its brackets."""
 
 _Item = TypeVar("_Item", bound=KnowledgeItem | Condition)
 
@@ -130,7 +130,7 @@ def _names_in(item: KnowledgeItem | Condition) -> set[str]:
 
 
 def _unchanging(state: State) -> Counter[str]:
-    """The names of many facts or numbers that no action changes and nothing is scheduled for, with their numbers."""
+    """Count the facts and numbers, by name, that are many, that no action changes, and that have no schedule."""
     if state.domain is None:
         return Counter()
     changed = {name for action in state.domain.actions.values() for name in changed_by(e for _, e in action.effects)}

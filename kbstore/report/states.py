@@ -1,4 +1,4 @@
-"""A state as tables for people: objects, facts, numbers, runs, schedule, goals."""
+"""Shows a state as tables: objects, facts, numbers, runs, schedule, goals."""
 
 from collections import defaultdict
 from collections.abc import Sequence
@@ -45,7 +45,7 @@ def state_view(shown: Selection, moments: TimeFormat) -> RenderableType:
 
 
 def heading(state: State, moments: TimeFormat) -> RenderableType:
-    """The knowledge base, the time, and the time of the belief."""
+    """Show the knowledge base, the time, and the time of the belief."""
     text = Text(state.name, "bold")
     text.append(f" at {moments.absolute(state.at)}", "not bold")
     if state.at != moments.now:
@@ -56,7 +56,7 @@ def heading(state: State, moments: TimeFormat) -> RenderableType:
 
 
 def objects(found: Sequence[Instance]) -> RenderableType | None:
-    """The objects by type."""
+    """Show the objects by type; None if there are none, as below."""
     by_type: dict[str, list[str]] = defaultdict(list)
     for instance in found:
         by_type[instance.instance_type].append(instance.instance_name)
@@ -65,7 +65,7 @@ def objects(found: Sequence[Instance]) -> RenderableType | None:
 
 
 def facts(found: Sequence[Fact], moments: TimeFormat) -> RenderableType | None:
-    """Facts of both signs by predicate, with since when they hold."""
+    """Show facts of both signs by predicate, and since when they hold."""
     rows = [
         (
             Text(str(fact), FALSE if fact.is_negative else ""),
@@ -78,7 +78,7 @@ def facts(found: Sequence[Fact], moments: TimeFormat) -> RenderableType | None:
 
 
 def numbers(found: Sequence[Function], moments: TimeFormat) -> RenderableType | None:
-    """The numeric functions with their values, and how fast they change."""
+    """Show the numeric functions with their values, and how fast they change."""
     rows = [
         (
             item.atom,
@@ -101,7 +101,7 @@ def folded(shown: Selection) -> RenderableType | None:
 
 
 def running(runs: Sequence[Run], moments: TimeFormat, at: int) -> RenderableType | None:
-    """The running actions, and their expected ends."""
+    """Show the running actions, and their expected ends."""
     rows = [
         (
             run.action,
@@ -115,7 +115,7 @@ def running(runs: Sequence[Run], moments: TimeFormat, at: int) -> RenderableType
 
 
 def scheduled(found: Sequence[KnowledgeItem], moments: TimeFormat) -> RenderableType | None:
-    """Timed-initial knowledge that takes effect after the time."""
+    """Show scheduled knowledge, which takes effect after the time of the state."""
     rows = [
         (Text(str(item), SCHEDULED), moments.absolute(item.initial_time), moments.relative(item.initial_time))
         for item in found
@@ -124,17 +124,17 @@ def scheduled(found: Sequence[KnowledgeItem], moments: TimeFormat) -> Renderable
 
 
 def statements(found: Sequence[Inequality], moments: TimeFormat) -> RenderableType | None:
-    """Recorded inequalities."""
+    """Show recorded inequalities."""
     rows = [(str(item), moments.absolute(item.initial_time)) for item in found]
     return table("Recorded inequalities", ("inequality", "since"), rows) if rows else None
 
 
 def goals(state: State, found: Sequence[Goal], moments: TimeFormat) -> RenderableType | None:
-    """Goals, and whether each is reached in the state."""
+    """Show goals, and whether each is reached in the state."""
     rows = [(str(goal), reached(state, goal), moments.absolute(goal.initial_time)) for goal in found]
     return table("Goals", ("goal", "reached", "wanted since"), rows) if rows else None
 
 
 def reached(state: State, goal: KnowledgeItem | Condition) -> str:
-    """Return whether a goal is reached in a state."""
+    """Return whether a goal is reached in a state: yes, no or unknown."""
     return {Truth.TRUE: "yes", Truth.FALSE: "no", Truth.UNKNOWN: "unknown"}[state.truth(goal)]

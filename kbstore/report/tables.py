@@ -1,4 +1,4 @@
-"""Tables: a heading, a line, aligned columns; on a narrow terminal, lines. Nothing is cut off."""
+"""Tables for a terminal: a heading, a line, aligned columns; on a narrow one, lines. Nothing is cut off."""
 
 from collections.abc import Iterable, Iterator, Sequence
 
@@ -12,7 +12,7 @@ from rich.text import Text
 Cell = str | Text
 
 _GAP = 3
-"""Between two columns."""
+"""Characters between two columns."""
 
 _NARROWEST = 20
 """The width in characters to which a column may be folded."""
@@ -21,7 +21,7 @@ _FOLDED = 2
 """The number of columns, the widest first, that may be folded."""
 
 TITLE, DIM, FALSE, SCHEDULED, NUMBER = "bold", "dim", "red", "cyan", "green"
-"""Styles by what they mean; what they say must be in the words, too, as colours are for terminals only."""
+"""Styles by their meaning, which the words must have, too, as colours are for terminals only."""
 
 
 class _Rows:
@@ -46,7 +46,7 @@ class _Rows:
         yield from self._stacked()
 
     def _table(self, folded: Sequence[int]) -> Table:
-        """Columns, some of which may be folded."""
+        """Return the rows in columns, some of which may be folded."""
         grid = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False, header_style=DIM)
         for index, heading in enumerate(self._headings):
             right = heading.startswith(">")
@@ -57,7 +57,7 @@ class _Rows:
         return grid
 
     def _stacked(self) -> Iterator[RenderableType]:
-        """The first cell on a line, and below it the others that say something, each after its heading."""
+        """Yield each row: its first cell on a line, and below it the others that are not empty, with headings."""
         for first, *others in self._rows:
             yield first
             line = Text()
@@ -69,20 +69,20 @@ class _Rows:
 
 
 def table(title: str, headings: Sequence[str], rows: Iterable[Iterable[Cell]]) -> RenderableType:
-    """Rows with a title; headings that begin with ``>`` are of columns set to the right."""
+    """Return rows with a title; a heading that begins with ``>`` sets its column to the right."""
     texts = [[cell if isinstance(cell, Text) else Text(cell) for cell in row] for row in rows]
     shown = _Rows(headings, texts)
     return Group(Text(title, TITLE), shown) if title else shown
 
 
 def sections(*found: RenderableType | None) -> Group:
-    """Several parts, one below the other with an empty line between; None is left out."""
+    """Join parts, one below the other with an empty line between; None is left out."""
     parts = [part for part in found if part is not None]
     return Group(*(piece for index, part in enumerate(parts) for piece in ((Text(), part) if index else (part,))))
 
 
 def printable(text: str) -> str:
-    r"""Free text on one line, without anything that a terminal would obey.
+    r"""Return free text on one line, with escapes for everything that a terminal would obey.
 
     >>> printable("a\x1b[31m\n b")
     'a\\x1b[31m b'
@@ -92,7 +92,7 @@ def printable(text: str) -> str:
 
 
 def plural(count: int, noun: str, many: str = "") -> str:
-    """A count with its noun.
+    """Return a count with its noun.
 
     >>> plural(1, "fact"), plural(2, "fact"), plural(0, "entry", "entries")
     ('1 fact', '2 facts', '0 entries')
@@ -101,7 +101,7 @@ def plural(count: int, noun: str, many: str = "") -> str:
 
 
 def show(console: Console, *found: RenderableType) -> None:
-    """Print, without the blanks that fill up lines: what is piped into a file or another program has none to strip."""
+    """Print without the blanks that fill up lines, so that files and other programs need not strip them."""
     with console.capture() as capture:
         console.print(*found, sep="\n")
     console.file.write("\n".join(line.rstrip() for line in capture.get().split("\n")))

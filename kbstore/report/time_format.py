@@ -1,4 +1,4 @@
-"""Times and durations as people read them: absolute, and relative to now."""
+"""Formats times and durations for people: absolute, and relative to now."""
 
 from dataclasses import dataclass
 
@@ -10,13 +10,13 @@ _HOUR = 60 * _MINUTE
 DAY = 24 * _HOUR
 
 _FINEST = ((10 * SECOND, SECOND), (SECOND, SECOND // 10), (0, SECOND // 1000))
-"""From how long on, what is the finest that is shown of how long ago."""
+"""The precision with which a relative time is shown, by the least distance from which on it is used."""
 
 _UNITS = ((DAY, "d"), (_HOUR, "h"), (_MINUTE, "min"), (SECOND, "s"))
 
 
 def span(ns: int) -> str:
-    """A duration: below a minute exact, else to the second, in its two largest units.
+    """Write a duration in nanoseconds: exactly below a minute, else to the second, in its two largest units.
 
     >>> span(131_000_000_000), span(1_500_000_000), span(90_061_000_000_000), span(0)
     ('2 min 11 s', '1.5 s', '1 d 1 h', '0 s')
@@ -44,7 +44,7 @@ class TimeFormat:
     brief: bool = False
 
     def absolute(self, t: int | None) -> str:
-        """The time as ISO 8601 in UTC; empty for None."""
+        """Write a time as ISO 8601 in UTC; empty for None."""
         if t is None:
             return ""
         text = isoformat(t)
@@ -53,17 +53,17 @@ class TimeFormat:
         return text
 
     def relative(self, t: int | None) -> str:
-        """Return the distance from now, before or after; empty for None."""
+        """Write the distance of a time from now, before or after; empty for None."""
         if t is None:
             return ""
         if t == self.now:
             return "now"
         away = abs(t - self.now)
-        # how long ago is for orientation: the absolute time is exact
+        # a relative time is for orientation, and is rounded; the absolute time is exact
         finest = next(unit for least, unit in _FINEST if away >= least)
         shown = span(away // finest * finest)
         return f"{shown} ago" if t < self.now else f"in {shown}"
 
     def interval(self, start: int, end: int | None) -> str:
-        """A half-open interval: ``from 09:00:00 until 09:01:00``."""
+        """Write a half-open interval: ``from 09:00:00 until 09:01:00``."""
         return f"from {self.absolute(start)} " + ("on" if end is None else f"until {self.absolute(end)}")

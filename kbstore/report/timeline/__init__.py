@@ -1,1 +1,1 @@
-"""A history as a picture: one self-contained page for a browser, and lanes of text for a terminal."""
+"""Draws a history: one self-contained page for a browser, and lanes of text for a terminal."""

@@ -1,13 +1,15 @@
-"""The data of a timeline: lanes, rows, runs, and the transactions that made them.
+"""Collects the data of a timeline: lanes, rows, runs, and the transactions that made them.
 
-A row is what one assertion says: ``[lane, initial, end, from, gone, ended, how, value, rate]``. Times are nanoseconds
-after the data's `origin`. It is known from the transaction `from` on, until the transaction `gone` cancelled it (`how`
-1) or superseded it (`how` 2); 0 if none did. `ended` is the transaction that ended it, or scheduled what ends it; 0 if
-it is open. `value` is 1 or 0 for what is asserted or explicitly false, and the number at `initial` for a function;
-`rate` is per second, or an object's type. A scheduled number may have a tenth place: the rate that was recorded, where
-an action moves it by another one when its time comes. The state at any time, as of any transaction, follows from these
-rows by the rules V1, C9 and Q2. What is expected of the actions that run does not, and comes as rows of its own:
-`expected`, each for the one transaction after which it was expected, in order.
+A row is one assertion: ``[lane, initial, end, from, gone, ended, how, value, rate]``. Times are nanoseconds after the
+data's `origin`. The row is known from the transaction `from` on, until the transaction `gone` cancelled it (`how` 1) or
+superseded it (`how` 2); `gone` is 0 if none did. `ended` is the transaction that ended it, or scheduled its end; 0
+while it is open. `value` is 1 or 0 for an asserted or an explicitly false fact, and the number at `initial` for a
+function; `rate` is per second, or an object's type. A scheduled number may have a tenth place: the recorded rate, if an
+action moves the number at another one when its time comes.
+
+The state at any time, as of any transaction, follows from these rows by the rules V1, C9 and Q2. The expected effects
+of running actions do not: they are rows of their own, `expected`, each for the one transaction after which it was
+expected, in order.
 """
 
 from collections.abc import Iterator, Sequence
@@ -28,7 +30,7 @@ if TYPE_CHECKING:
 Row = list[Any]
 
 EXPECTATIONS = 300
-"""For how many transactions, the latest ones, it is computed what was expected of the actions that ran then."""
+"""The number of transactions, the latest ones, for which the expected effects of running actions are computed."""
 
 CANCELLED, SUPERSEDED = 1, 2
 
@@ -49,11 +51,11 @@ def timeline_data(
         kb: the knowledge base.
         patterns: only the lanes that match one of these: ``(robot_at kenny ?)``, or a word for everything with that
             symbol or object, and the objects themselves; all lanes if there are none.
-        since: the begin of the span, in nanoseconds; None, or a time before it: that of the history that is kept.
-        until: its end; None: the last time of which something is known, or now if that is not far behind it.
-        as_of: what was known then is shown first: a transaction, or a time in nanoseconds; None: what is known now.
-        expectations: for how many transactions to compute what was expected of the actions that ran.
-        most: how many transactions to show at most, the latest ones, where no span is asked for; None: all.
+        since: the beginning of the span, in nanoseconds; None, or an earlier time: that of the history in the store.
+        until: its end; None: the last time about which something is known, or now if that is soon after it.
+        as_of: a transaction, or a time in nanoseconds, whose belief is shown first; None: what is known now.
+        expectations: the number of transactions for which to compute the expected effects of running actions.
+        most: the most transactions to show, the latest ones, if `since` is None; None: all.
     """
     return _Collector(kb, patterns, since, until, most).data(as_of, expectations)
 
@@ -72,8 +74,8 @@ class _Collector:
         self._kb = kb
         self._lanes = Lanes(patterns)
         self._now = kb.now()
+        # assertions that were over for good by then are not shown
         standing = kb._history.standing(since, most)
-        # what was over for good by then is not shown
         self._base = standing.number
         self._changes = list(kb.changes(self._base))
         self._asserted = [(found, found.recorded.number) for found in standing.assertions]
@@ -86,7 +88,7 @@ class _Collector:
         self._scheduled_by: dict[int, dict[tuple[str, int], float]] = {}
 
     def _known(self) -> list[Transaction]:
-        """The transactions of the span, and those before it that what is shown refers to."""
+        """Return the transactions of the span, and earlier ones to which its assertions refer."""
         found = {change.number: change.transaction for change in self._changes}
         for assertion, _ in self._asserted:
             for transaction in (assertion.recorded, assertion.ended, assertion.cancelled, assertion.superseded):
@@ -95,7 +97,7 @@ class _Collector:
         return [found[number] for number in sorted(found)]
 
     def data(self, as_of: Transaction | int | None, expectations: int) -> dict[str, Any]:
-        """Everything, with the lanes in the order in which they were met."""
+        """Return all data, with the lanes in the order in which they occur."""
         runs = [row for run in self._runs if (row := self._run(run)) is not None]
         rows = [row for found, number in (*self._asserted, *self._derived()) if (row := self._row(found, number))]
         reached = list(self._reached())
@@ -121,7 +123,7 @@ class _Collector:
         }
 
     def _number(self, as_of: Transaction | int | None) -> int | None:
-        """The number of the transaction that is meant."""
+        """Return the number of the transaction whose belief is meant; None for now."""
         if as_of is None or isinstance(as_of, Transaction):
             return None if as_of is None else as_of.number
         if as_of >= self._now:
@@ -129,7 +131,7 @@ class _Collector:
         return max((tx.number for tx in self._transactions if tx.time <= as_of), default=self._base)
 
     def _until(self) -> int:
-        """The last time of which something is known; or now, unless that lies far behind what happened."""
+        """Return the last time about which something is known, or now if that is soon after it."""
         last = max([self._first, *self._times()])
         return self._now if last < self._now <= last + (last - self._first) else last
 
@@ -142,12 +144,12 @@ class _Collector:
     # -- what is recorded -------------------------------------------------------------------------------------
 
     def _derived(self) -> Iterator[tuple[Assertion, int]]:
-        """The assertions that follow what runs by the clock (rule O5), which no transaction's changes list."""
+        """Yield the numbers that follow running actions by the clock (rule O5): no transaction's changes list them."""
         if not self._runs:
             return
-        told = [found for found, _ in self._asserted if isinstance(found.item, Function) and not found.is_goal]
-        known = set(map(_identity, told))
-        patterns = {f"({' '.join((key(f.attribute_name), *'?' * len(f.arguments)))})" for f in map(_function, told)}
+        numbers = [found for found, _ in self._asserted if isinstance(found.item, Function) and not found.is_goal]
+        known = set(map(_identity, numbers))
+        patterns = {f"({' '.join((key(f.attribute_name), *'?' * len(f.arguments)))})" for f in map(_function, numbers)}
         for pattern in sorted(patterns):
             found = self._kb.history(pattern, self._first if self._base else None)
             yield from ((f, f.recorded.number) for f in found if _identity(f) not in known)
@@ -173,13 +175,13 @@ class _Collector:
         return [lane, found.initial_time - self._first, end, *by, value, rate, *self._recorded_rate(found, number)]
 
     def _recorded_rate(self, found: Assertion, number: int) -> Iterator[float]:
-        """The rate that was scheduled for a number, where an action that ran at its time may have changed it."""
+        """Yield the rate that was scheduled for a number, if an action that ran at its time may have changed it."""
         t = found.initial_time
         if not isinstance(found.item, Function) or found.is_goal or t <= found.recorded.time:
             return
         if any(run.started <= t and (run.ended is None or run.ended >= found.recorded.time) for run in self._runs):
             if number not in self._scheduled_by:
-                # what was scheduled before the span and still was at its begin, as it was known then
+                # a schedule from before the span is read at the span's beginning, as it was known then
                 is_within = found.recorded.time >= self._first
                 at, belief = (found.recorded.time, found.recorded) if is_within else (self._first, self._first)
                 state = self._kb.state(at, as_of=belief)
@@ -204,7 +206,7 @@ class _Collector:
         return [lane, *relative, run.outcome, run.started_by, run.ended_by or 0, broken]
 
     def _reached(self) -> Iterator[Row]:
-        """Yield the intervals in which each goal was true, as is known now."""
+        """Yield the intervals in which each goal was true, as known now."""
         goals = {str(found.item): found for found, _ in self._asserted if found.is_goal}
         for text, found in goals.items():
             lane = self._lanes.of_assertion(found)
@@ -213,7 +215,7 @@ class _Collector:
             try:
                 spans = self._kb.when(text, self._first, max(self._first, min(self._last, self._now)))
             except KbStoreError:
-                # it cannot be decided for all of the span: a moving product, a domain without its predicate
+                # the goal cannot be decided throughout the span: a moving product, a domain without its predicate
                 continue
             yield [
                 lane,
@@ -223,7 +225,7 @@ class _Collector:
     # -- what is expected -------------------------------------------------------------------------------------
 
     def _latest_asked(self, count: int) -> list[tuple[int, State]]:
-        """The latest transactions, each with its state where an action ran that was expected to end; and now."""
+        """Return now and the latest transactions during which an action ran, each with the state then."""
         asked = [(self._latest + 1, self._kb.state())]
         for transaction in self._transactions[::-1][:count]:
             number, t = transaction.number, transaction.time
@@ -236,7 +238,8 @@ class _Collector:
     def _expected(self, number: int, state: State) -> Iterator[Row]:
         """Yield what was expected after a transaction, from the first effect of a running action on.
 
-        With what was scheduled for later, too, as it may come otherwise than recorded: at another rate, or not at all.
+        This includes later scheduled knowledge, which may take effect otherwise than recorded: at another rate, or not
+        at all.
         """
         if not state.running:
             return
@@ -251,7 +254,7 @@ class _Collector:
 
 
 def _begin(change: Change) -> int:
-    """The first time that a transaction is about: its own, or that of late knowledge."""
+    """Return the first time that a transaction is about: its own, or that of late knowledge."""
     return min([change.transaction.time, *(found.initial_time for found in change.asserted)])
 
 
@@ -265,7 +268,7 @@ def _identity(found: Assertion) -> tuple[str, int, int | None, int]:
 
 
 def _value(timeline: Timeline, value: Value | None) -> tuple[Any, Any]:
-    """The value and rate of a row, from a timeline's value; None where nothing holds any more."""
+    """Return the value and rate of a row, from a timeline's value; the value is None if nothing holds any more."""
     if value is None:
         return None, 0
     if timeline.kind is KnowledgeType.FUNCTION:

@@ -1,4 +1,4 @@
-"""The lanes of a timeline: which lane an assertion, a run or an expected event is drawn in, and which are asked for."""
+"""The lanes of a timeline: assigns assertions, runs and expected events to lanes, and selects lanes by patterns."""
 
 import re
 from collections.abc import Sequence
@@ -9,13 +9,13 @@ from kbstore.model.timelines import Role, Timeline
 from kbstore.names import key, matches
 
 KINDS = ("run", "goal", "fact", "number", "object", "other")
-"""The kinds of groups, in the order in which they are shown."""
+"""The kinds of groups of lanes, in the order in which they are shown."""
 
 _KINDS = {KnowledgeType.FACT: "fact", KnowledgeType.FUNCTION: "number"}
 
 
 class Lanes:
-    """The lanes that have been met so far, each with its group, its label and the objects that it refers to.
+    """The lanes that have occurred so far, each with its group, its label and the objects that it refers to.
 
     Attributes:
         groups: The kind, one of `KINDS`, and the name of each group.
@@ -38,11 +38,8 @@ class Lanes:
                     return self._atom(_KINDS[item.knowledge_type], item.attribute_name, item.arguments)
                 case Instance():
                     return self._lane("object", "objects", item.instance_name, (item.instance_name,))
-        text = str(item)
-        if getattr(item, "is_negative", False):
-            text = text.removeprefix("(not ").removesuffix(")")
-        kind = "goal" if assertion.is_goal else "other"
-        return self._lane(kind, "goals" if assertion.is_goal else "statements", text, _words(text))
+        kind, name = ("goal", "goals") if assertion.is_goal else ("other", "statements")
+        return self._lane(kind, name, item.text, _words(item.text))
 
     def of_run(self, run: Run) -> int | None:
         """Return the lane of a run; None if no pattern asks for it."""
@@ -69,7 +66,7 @@ class Lanes:
         place = group, key(label)
         if place not in self._lanes:
             found = None
-            # an object ends what refers to it
+            # lanes need the ends of the objects that they refer to
             if kind == "object" or self._is_wanted(words):
                 found = len(self.described)
                 self.described.append((group, label, [] if kind == "run" else [key(word) for word in words[1:]]))
@@ -77,7 +74,7 @@ class Lanes:
         return self._lanes[place]
 
     def _is_wanted(self, words: Sequence[str]) -> bool:
-        """Return whether a pattern matches: a bare word any symbol or object, several words all in order."""
+        """Return whether a pattern matches: a single word is any symbol or object, several words are all, in order."""
         keys = tuple(map(key, words))
         return not self._wanted or any(
             wanted[0] in keys if len(wanted) == 1 else matches(wanted, keys) for wanted in self._wanted
@@ -85,7 +82,7 @@ class Lanes:
 
 
 def _words(text: str) -> tuple[str, ...]:
-    """The words of PDDL text, as they are compared.
+    """Return the words of PDDL text, as they are compared.
 
     >>> _words("(robot_at Kenny ?)")
     ('robot_at', 'kenny', '?')

@@ -1,4 +1,4 @@
-"""A timeline as lanes of text, within the width of a terminal."""
+"""Draws a timeline as lanes of text, within the width of a terminal."""
 
 from bisect import bisect_right
 from collections import defaultdict
@@ -19,7 +19,7 @@ from kbstore.report.timeline.lanes import KINDS
 Piece = tuple[int, int, Row]
 
 WIDEST = 120
-"""Wider lanes are not easier to read; that many without a terminal, too."""
+"""The most columns, also without a terminal; wider lanes are not easier to read."""
 
 _ISO = "2026-05-04T09:00:00"
 
@@ -33,7 +33,7 @@ _STEPS = tuple(
     )
     for number in numbers
 )
-"""Between two times of the axis."""
+"""The distances between two times of the axis, in nanoseconds."""
 
 _LEVELS = "▁▂▃▄▅▆▇█"
 _FOREVER = 1 << 62
@@ -45,7 +45,7 @@ _GOALS = f"  {_WANTED} wanted, {_REACHED} reached"
 
 
 class TextTimeline:
-    """Lanes of text, by group; what never changes is one line for each group."""
+    """Lanes of text, by group; groups that never change are counted on one line."""
 
     def __init__(self, data: dict[str, Any]) -> None:
         self._data = data
@@ -89,7 +89,7 @@ class TextTimeline:
         yield Text(_LEGEND + (_GOALS if self._reached else ""), DIM)
 
     def _head(self, margin: int, columns: int) -> Iterator[Text]:
-        """The knowledge base, the belief, the span, and where in it transactions and now are."""
+        """Yield the knowledge base, the belief and the span, and where in it transactions and now are."""
         data, origin = self._data, int(self._data["origin"])
         text = Text(data["name"], TITLE).append(
             f" from {isoformat(origin)} until {isoformat(origin + data['until'])}", "not bold"
@@ -111,7 +111,7 @@ class TextTimeline:
         return str(label or self._data["groups"][group][1])
 
     def _range(self, lane: int) -> str:
-        """From which value to which a number goes within the span."""
+        """Return the lowest and the highest value of a number within the span."""
         found = []
         for start, end, row in self.pieces(lane):
             if start <= self._data["until"] and end > 0:
@@ -129,7 +129,7 @@ class TextTimeline:
         return row[3] <= self._belief and not 0 < row[4] <= self._belief
 
     def _believed(self, row: Row) -> Row:
-        """A row; of a number that is still ahead, with the rate that was recorded."""
+        """Return a row; a number that is still ahead has the rate that was recorded."""
         return [*row[:8], row[9]] if len(row) > 9 and row[1] > self._edge else row
 
     def _is_fixed(self, lane: int) -> bool:
@@ -138,7 +138,7 @@ class TextTimeline:
         return not self._expected[lane] and all(row[1] <= begin and row[2] is None and row[8] == 0 for row in rows)
 
     def _ends_of_objects(self) -> dict[str, list[int]]:
-        """The times for which the ends of objects are recorded, by the object's key."""
+        """Return the times at which objects end, by the object's key."""
         found = {}
         for lane, (group, label, _) in enumerate(self._data["lanes"]):
             if self._data["groups"][group][0] == "object":
@@ -184,17 +184,17 @@ class TextTimeline:
                         cells[self._column(end - 1, columns)] = ("×", FALSE)
             return Text.assemble(*cells)
         for start, end, row in self.pieces(lane):
-            said = (_WANTED, DIM) if kind == "goal" else (_FALSE, FALSE) if row[7] == 0 else (_TRUE, NUMBER)
-            self._fill(cells, start, min(end, max(self._edge, start)), said)
+            held = (_WANTED, DIM) if kind == "goal" else (_FALSE, FALSE) if row[7] == 0 else (_TRUE, NUMBER)
+            self._fill(cells, start, min(end, max(self._edge, start)), held)
             if end > self._edge:
-                ahead = (_SCHEDULED, SCHEDULED) if kind != "goal" and row[7] else said
+                ahead = (_SCHEDULED, SCHEDULED) if kind != "goal" and row[7] else held
                 self._fill(cells, max(start, self._edge), end, ahead)
         for start, end in self._reached.get(lane, []):
             self._fill(cells, start, self._data["now"] if end is None else end, (_REACHED, NUMBER))
         return Text.assemble(*cells)
 
     def _fill(self, cells: list[tuple[str, str]], start: int, end: int, cell: tuple[str, str]) -> None:
-        """Put a sign into each column that ``[start, end)`` meets; one that is shorter than a column has one."""
+        """Put a sign into each column that ``[start, end)`` overlaps, and at least into one."""
         if start > self._data["until"] or end < 0 or end <= start:
             return
         first = self._column(start, len(cells))
@@ -202,7 +202,7 @@ class TextTimeline:
         cells[first : last + 1] = [cell] * (last + 1 - first)
 
     def _numbers(self, pieces: Sequence[Piece], columns: int) -> Text:
-        """The value in the middle of each column, between the lowest and the highest."""
+        """Draw the value in the middle of each column, between the lowest and the highest one."""
         values: list[float | None] = []
         for column in range(columns):
             t = int((column + 0.5) * self._data["until"] / columns)
@@ -218,7 +218,7 @@ class TextTimeline:
 
 
 def axis(origin: int, length: int, columns: int) -> str:
-    """Return round times of the day, or dates where they are days apart, each from the column on in which it is.
+    """Return round times of the day, or dates if they are days apart, each beginning in its column.
 
     >>> axis(1_777_885_080 * 10**9, 17 * 60 * 10**9, 40)
     '    09:00       09:05       09:10'
@@ -236,12 +236,12 @@ def axis(origin: int, length: int, columns: int) -> str:
 
 
 def _step(step: int) -> tuple[int, slice]:
-    """A step, and what is shown of the times at such steps."""
+    """Return a step, and the part of ISO times to show at such steps."""
     return step, slice(0, 10) if step >= DAY else slice(11, 16) if step >= 60 * SECOND else slice(11, 19)
 
 
 def _shortened(text: str, longest: int) -> str:
-    """A text without its middle where it is too long: the ends tell lanes apart."""
+    """Cut the middle out of a text that is too long: lanes differ at the ends of their labels."""
     if len(text) <= longest:
         return text
     begin = (longest - 1) // 2
