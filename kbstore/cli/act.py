@@ -17,10 +17,10 @@ from kbstore.cli.options import (
     Since,
     Until,
     Url,
-    asked,
     at_time,
     belief,
-    told,
+    reading,
+    writing,
 )
 from kbstore.cli.output import answer
 from kbstore.cli.times import parse_duration
@@ -49,7 +49,7 @@ def apply(
     Examples:
         kbstore apply pick_up kenny blood office --client mission
     """
-    with told(url, kb, now, creating=False) as found:
+    with writing(url, kb, now, creating=False) as found:
         done = found.apply(operator, *(arguments or []), client=client, note=note)
     recorded(done, as_json)
 
@@ -80,7 +80,7 @@ def start(
         kbstore start charge kenny --duration 5m --client charger
     """
     lasting = None if duration is None else parse_duration(duration)
-    with told(url, kb, now, creating=False) as found:
+    with writing(url, kb, now, creating=False) as found:
         with found.transaction(client=client, note=note) as tx:
             run = tx.start(operator, *(arguments or []), duration=lasting, force=force)
         done = tx.result
@@ -111,7 +111,7 @@ def end(
         kbstore end drive
         kbstore end drive kenny home office --note "arrived"
     """
-    with told(url, kb, now, creating=False) as found:
+    with writing(url, kb, now, creating=False) as found:
         run = _running(found, operator, arguments)
         done = found.end(run, client=client, note=note)
     failing, broken = each(done.failing), each(done.broken)
@@ -139,7 +139,7 @@ def abort(
     Examples:
         kbstore abort charge --note "called away"
     """
-    with told(url, kb, now, creating=False) as found:
+    with writing(url, kb, now, creating=False) as found:
         run = _running(found, operator, arguments)
         done = found.abort(run, client=client, note=note)
     report = {"run": plain(run), "transaction": plain(done)}
@@ -171,13 +171,13 @@ def runs(
         kbstore runs drive --since -1h
         kbstore runs "(drive kenny ? ?)" --json
     """
-    with asked(url, kb, now) as found:
+    with reading(url, kb, now) as found:
         listed = found.runs(pattern, at_time(since, found), at_time(until, found), belief(as_of, found))
         answer(each(listed), as_json=as_json, view=lambda: records.runs_view(listed))
 
 
 def _running(kb: KnowledgeBase, operator: str, arguments: list[str] | None) -> Run:
-    """The run that is meant; refused if there is none, or more than one."""
+    """Return the run of an action. Raises `NotApplicable` if there is none, or more than one."""
     kb.domain.operator(operator)
     wanted = [key(name) for name in arguments or []]
     running = [run for run in kb.state().running if key(run.operator) == key(operator)]

@@ -7,7 +7,7 @@ import typer
 
 import kbstore
 from kbstore.cli.demo import mission, tour
-from kbstore.cli.options import TIMES, Json, Kb, Now, Url, store, told
+from kbstore.cli.options import TIMES, Json, Kb, Now, Url, store, writing
 from kbstore.cli.output import answer, json_line, working
 from kbstore.cli.times import parse_time
 from kbstore.clock import ManualClock, isoformat
@@ -27,7 +27,7 @@ def kbs(url: Url = None, now: Now = None, as_json: Json = False) -> None:
     place = store(url)
     found = []
     for name in kbstore.knowledge_bases(place):
-        # a clock at 0: now is the latest recorded time
+        # with a clock at 0, now is the latest recorded time
         with kbstore.open(place, name, clock=ManualClock(), read_only=True) as kb:
             latest = kb.state()
             domain = None if latest.domain is None else latest.domain.name
@@ -111,7 +111,7 @@ def archive(
     Examples:
         kbstore archive --before -90d kenny-history.db
     """
-    with told(url, kb, now) as found, working(f"archiving to {file.name}") as progress:
+    with writing(url, kb, now) as found, working(f"archiving to {file.name}") as progress:
         done = found.archive(parse_time(before, found.now()), file, progress=progress)
     report = {"file": str(done.path), "rows": done.rows, **times(history_from=done.history_from)}
     said = (

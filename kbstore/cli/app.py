@@ -44,7 +44,7 @@ def show_help(ctx: typer.Context) -> None:
 
 
 def show_version(asked: bool) -> None:
-    """Show the version and exit; eager, as other options take longer to read."""
+    """Show the version and exit, before other options are read."""
     if asked:
         from importlib.metadata import version
 
@@ -85,13 +85,13 @@ def before(
 
 
 def _for_each(command: Any, given: Mapping[str, Any]) -> dict[str, Any]:
-    """The same defaults for every command of a group."""
+    """Return the same defaults for every command of a group."""
     below: Mapping[str, Any] = getattr(command, "commands", {})
     return {name: _for_each(part, given) if hasattr(part, "commands") else dict(given) for name, part in below.items()}
 
 
 def main() -> None:
-    """The console script ``kbstore``."""
+    """Run the console script ``kbstore``."""
     # a third of a short command's time would go into looking for garbage among modules, while they are imported and
     # when the process ends; what a command makes itself is collected as ever (`kbstore.cli.groups`)
     gc.disable()

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from kbstore.cli.options import AsOf, Json, Kb, Now, Since, Until, Url, asked, at_time, belief, store
+from kbstore.cli.options import AsOf, Json, Kb, Now, Since, Until, Url, at_time, belief, reading, store
 from kbstore.cli.output import answer, working
 from kbstore.clock import isoformat
 from kbstore.report.tables import plural
@@ -65,7 +65,7 @@ def export(
     """
     from kbstore.ros.bags.mcap_file import export_mcap
 
-    with asked(url, kb, now) as found:
+    with reading(url, kb, now) as found:
         done = export_mcap(found, file, at_time(since, found), at_time(until, found), belief(as_of, found))
     said = f"{file} has {plural(done.messages, 'message')} on {plural(done.topics, 'topic')}"
     answer({"file": str(file), **done.to_dict()}, as_json=as_json, view=lambda: said)

@@ -1,7 +1,7 @@
-"""All commands of the command line, each with where its function is.
+"""All commands of the command line, and where their functions are.
 
-A new command is one line in `COMMANDS`. The module of its function is imported when the command is called, and not
-before, so that the help, ``--version`` and the completion of commands need nothing of the store.
+A new command is one line in `COMMANDS`. The module of its function is imported when the command is called, so that the
+help, ``--version`` and the completion of commands import nothing of the store.
 """
 
 from typing import NamedTuple
@@ -17,7 +17,7 @@ STORE = "Store"
 class Command(NamedTuple):
     """A command: its name, after that of its group; ``module.function`` within `kbstore.cli`; its panel in the help.
 
-    `line` is what the help of its group says. The function's docstring begins with it.
+    `line` describes it in the help of its group. The function's docstring begins with it.
     """
 
     name: str

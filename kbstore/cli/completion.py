@@ -1,4 +1,4 @@
-"""Shell completion of names that the store knows; if anything goes wrong, nothing is offered."""
+"""Shell completion of names that the store knows; after an error there are no suggestions."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -30,11 +30,11 @@ IN_PYTHON = {
     "; abort() it": "; kbstore abort it",
     ", or abort() it": ", or kbstore abort it",
 }
-"""Advice in messages that is given in Python, and the command that does the same."""
+"""Advice of messages in Python, and the same as a command."""
 
 
 def one_line(error: BaseException) -> str:
-    """The message of an error, on one line, with advice in commands instead of Python."""
+    """Return the message of an error, on one line, with advice in commands instead of Python."""
     message = _one_line(error)
     for python, command in IN_PYTHON.items():
         message = message.replace(python, command)
@@ -43,7 +43,7 @@ def one_line(error: BaseException) -> str:
 
 def _one_line(error: BaseException) -> str:
     if isinstance(error, PddlSyntaxError):
-        # the position says where; leave out the quoted line and the mark below it
+        # the message begins with line and column; leave out the quoted line and the mark below it
         return str(error).partition("\n")[0]
     if isinstance(error, InvalidKnowledge) and len(error.violations) > 1:
         return f"{len(error.violations)} violations: {'; '.join(map(_joined, error.violations))}"
@@ -83,7 +83,7 @@ def _failing() -> Iterator[None]:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(0)
     except typer.TyperException as error:
-        # Python's word for what is wrong with an option's value
+        # Pydantic's prefix for a wrong value
         _fail(error.format_message().replace("Value error, ", ""))
     except (KbStoreError, OSError) as error:
         _fail(one_line(error))

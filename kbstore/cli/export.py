@@ -10,7 +10,7 @@ import typer
 
 import kbstore
 from kbstore.cli import completion
-from kbstore.cli.options import AsOf, At, Json, Kb, Now, Since, Until, Url, asked, at_time, belief, store
+from kbstore.cli.options import AsOf, At, Json, Kb, Now, Since, Until, Url, at_time, belief, reading, store
 from kbstore.cli.output import answer, working
 from kbstore.errors import InvalidKnowledge
 from kbstore.knowledge_base import KnowledgeBase
@@ -48,7 +48,7 @@ class Of(StrEnum):
 
 TABLES = (Format.CSV, Format.PARQUET)
 SPANS = (*TABLES, Format.PERFETTO)
-"""The formats that are of a span of time; the others are of one time, or of everything."""
+"""The formats for a span of time; the others are for one time, or for everything."""
 
 
 def export(
@@ -99,7 +99,7 @@ def export(
     )
     if form is Format.PARQUET and output is None and sys.stdout.isatty():
         raise InvalidKnowledge("parquet is not for a terminal to show; name a file with --output FILE")
-    with asked(url, kb, now) as found:
+    with reading(url, kb, now) as found:
         t, believed = at_time(at, found), belief(as_of, found)
         everything = form is Format.JSONL or (form is Format.JSON and t is None and believed is None)
         if everything and not domain:
@@ -116,7 +116,7 @@ def export(
 
 
 def _refuse_what_does_not_apply(form: Format, **given: object) -> None:
-    """Raise for an option that has no meaning for a format; nothing that was asked for is left out in silence."""
+    """Raise `InvalidKnowledge` for an option that a format does not have, instead of ignoring it."""
     applies = {
         "pattern": TABLES,
         "of": TABLES,

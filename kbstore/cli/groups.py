@@ -1,4 +1,4 @@
-"""Groups of commands, each of which is imported when it is called."""
+"""Groups of commands that import the function of a command when it is called."""
 
 import gc
 from importlib import import_module
@@ -12,7 +12,7 @@ from kbstore.cli.commands import COMMANDS
 
 
 class LazyGroup(TyperGroup):
-    """A group with its commands of `COMMANDS`: for help and completion a name and a line each, until one is called."""
+    """A group of `COMMANDS`; until one is called, each has only a name and a line, for help and completion."""
 
     def __init__(self, *, name: str, commands: dict[str, Any], **settings: Any) -> None:
         own = {command.name.split()[-1]: command for command in COMMANDS if command.group == name}
@@ -24,7 +24,7 @@ class LazyGroup(TyperGroup):
         self._functions = {called: command.function for called, command in own.items()}
 
     def resolve_command(self, ctx: Any, args: list[str]) -> tuple[str | None, Any, list[str]]:
-        """The command that is called, with its options and its function."""
+        """Return the command that is called, with its options and its function."""
         name, command, rest = super().resolve_command(ctx, args)
         return name, _imported(name, self._functions[name]) if name in self._functions else command, rest
 

@@ -7,7 +7,7 @@ import typer
 from rich.text import Text
 
 from kbstore.cli import completion
-from kbstore.cli.options import TIMES, AsOf, Condition, Json, Kb, Now, Since, Until, Url, asked, at_time, belief
+from kbstore.cli.options import TIMES, AsOf, Condition, Json, Kb, Now, Since, Until, Url, at_time, belief, reading
 from kbstore.cli.output import answer, console, json_line
 from kbstore.cli.times import parse_time
 from kbstore.knowledge_base import KnowledgeBase
@@ -42,7 +42,7 @@ def history(
         kbstore history "(battery kenny)" --since -10m
         kbstore history "? - parcel"
     """
-    with asked(url, kb, now) as found:
+    with reading(url, kb, now) as found:
         listed = found.history(pattern, _beginning(since, found), at_time(until, found), belief(as_of, found))
         answer(each(listed), as_json=as_json, view=lambda: records.history_view(listed))
 
@@ -64,7 +64,7 @@ def when(
         kbstore when "(< (battery kenny) 20)" --since -1h
         kbstore when "(open lab_door)" --since now --until +1h
     """
-    with asked(url, kb, now) as found:
+    with reading(url, kb, now) as found:
         last = at_time(until, found)
         last = found.now() if last is None else last
         spans = found.when(condition, _beginning(since, found), last, belief(as_of, found))
@@ -86,7 +86,7 @@ def diff(
         kbstore diff -5m
         kbstore diff 2026-05-04T08:59:00Z 2026-05-04T09:06:00Z
     """
-    with asked(url, kb, now) as found:
+    with reading(url, kb, now) as found:
         t1, t2 = parse_time(before, found.now()), parse_time(after, found.now())
         differs = found.diff(t1, t2, belief(as_of, found))
         answer(differs, as_json=as_json, view=lambda: records.diff_view(differs))
@@ -127,7 +127,7 @@ def changes(
         kbstore changes "(robot_at kenny ?)" --after 100
         kbstore changes --follow --json
     """
-    with asked(url, kb, now) as found:
+    with reading(url, kb, now) as found:
         moments = TimeFormat(found.now())
         beginning = after if after is not None or follow else 0
         for change in found.watch(about, beginning, timeout=None if follow else 0):
@@ -167,7 +167,7 @@ def timeline(
     """
     patterns = list(about or ())
     file = patterns.pop(0) if patterns and patterns[0].lower().endswith((".html", ".htm")) else None
-    with asked(url, kb, now) as found:
+    with reading(url, kb, now) as found:
         first, last = at_time(since, found), at_time(until, found)
         data = timeline_data(found, patterns, since=first, until=last, as_of=belief(as_of, found))
         if file is None:
@@ -181,5 +181,5 @@ def timeline(
 
 
 def _beginning(since: str | None, kb: KnowledgeBase) -> int:
-    """The time of --since; without it, the beginning of the history."""
+    """Return the time of --since; without it, the beginning of the history."""
     return kb.history_from if since is None else parse_time(since, kb.now())

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from kbstore.cli.options import Kb, Now, Url, asked, told
+from kbstore.cli.options import Kb, Now, Url, reading, writing
 from kbstore.errors import MissingLibrary
 from kbstore.knowledge_base import KnowledgeBase
 
@@ -34,7 +34,7 @@ def mcp(
             " install it with: pip install 'kbstore[mcp]'"
         ) from None
     opened: AbstractContextManager[KnowledgeBase] = (
-        told(url, kb, now, creating=False) if allow_writes else asked(url, kb, now)
+        writing(url, kb, now, creating=False) if allow_writes else reading(url, kb, now)
     )
     with opened as found:
         agent_server(found, allow_writes=allow_writes).run("stdio")

@@ -90,15 +90,15 @@ Note = Annotated[str, typer.Option("--note", metavar="TEXT", help="Why; recorded
 
 
 def store(url: str | None) -> str:
-    """The store; refused if none is named."""
+    """Return the store. Raises `StoreUnavailable` if none is named."""
     if not url:
         raise StoreUnavailable("which store? name it with --url FILE (or a SQLAlchemy URL), or set KBSTORE_URL")
     return url
 
 
 @contextmanager
-def asked(url: str | None, kb: str | None, now: str | None) -> Iterator[KnowledgeBase]:
-    """The knowledge base, opened read-only; refused if the store does not have it."""
+def reading(url: str | None, kb: str | None, now: str | None) -> Iterator[KnowledgeBase]:
+    """Open the knowledge base read-only. Raises `StoreUnavailable` if the store does not have it."""
     place = store(url)
     name = named(kb, kbstore.knowledge_bases(place), place)
     with kbstore.open(place, name, clock=clock_for(place, name, now), read_only=True) as found:
@@ -106,8 +106,11 @@ def asked(url: str | None, kb: str | None, now: str | None) -> Iterator[Knowledg
 
 
 @contextmanager
-def told(url: str | None, kb: str | None, now: str | None, *, creating: bool = True) -> Iterator[KnowledgeBase]:
-    """The knowledge base, opened for writing; if the store does not have it, it is created, or else refused."""
+def writing(url: str | None, kb: str | None, now: str | None, *, creating: bool = True) -> Iterator[KnowledgeBase]:
+    """Open the knowledge base for writing, and create it if the store does not have it.
+
+    Raises `StoreUnavailable` instead of `creating` it, and if the name is not clear.
+    """
     place = store(url)
     try:
         names = kbstore.knowledge_bases(place)
@@ -122,17 +125,17 @@ def told(url: str | None, kb: str | None, now: str | None, *, creating: bool = T
 
 
 def at_time(text: str | None, kb: KnowledgeBase) -> int | None:
-    """The time that an option gives; None if it was not given."""
+    """Return the time of an option in nanoseconds; None if it was not given."""
     return None if text is None else parse_time(text, kb.now())
 
 
 def belief(text: str | None, kb: KnowledgeBase) -> int | Transaction | None:
-    """The time, or the transaction (``tx12``), that --as-of names; None where it was not given."""
+    """Return the time, or the transaction (``tx12``), that --as-of names; None if it was not given."""
     return (None if text is None else named_transaction(text, kb)) or at_time(text, kb)
 
 
 def named(name: str | None, names: list[str], place: str) -> str:
-    """The knowledge base of a store that is meant, if it has that name, or only one."""
+    """Return the name of a knowledge base of the store; without a name, of the only one. Raises `StoreUnavailable`."""
     if name is None and len(names) == 1:
         return names[0]
     if name in names:
@@ -144,11 +147,11 @@ def named(name: str | None, names: list[str], place: str) -> str:
 
 
 def clock_for(place: str, name: str, now: str | None) -> Clock:
-    """The clock that --now asks for."""
+    """Return the clock for --now: at that time, at the latest recorded time (last), or the system's."""
     if now is None:
         return SystemClock()
     if now != "last":
         return ManualClock(parse_time(now, SystemClock().now()))
-    # in questions, now is never before the latest recorded time
+    # with a clock at 0, now is the latest recorded time
     with kbstore.open(place, name, clock=ManualClock(), read_only=True) as kb:
         return ManualClock(kb.now())

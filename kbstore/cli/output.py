@@ -17,7 +17,7 @@ from kbstore.model.plain import plain
 from kbstore.report.tables import show
 
 Progress = Callable[[int, int], None]
-"""Called with how much is done, and of how much."""
+"""A progress callback: how much is done, and of how much."""
 
 _NOT_SHOWN = re.compile(r"[^\n -~]")
 """Characters that may not be printable; JSON itself has escaped the other control characters."""
@@ -27,7 +27,7 @@ _UNLIMITED = 100_000
 
 
 def console() -> Console:
-    """Standard output; on a terminal with colours, and folded to its width."""
+    """Return standard output; on a terminal it has colours, and is folded to its width."""
     found = Console(highlight=False, soft_wrap=False)
     if not found.is_terminal:
         found.width = _UNLIMITED
@@ -43,7 +43,7 @@ def answer(found: object, *, as_json: bool, view: Callable[[], RenderableType | 
 
 
 def _page(view: RenderableType | str) -> None:
-    """Print for people; on a terminal that is too low for it, through the pager."""
+    """Print for people; if a terminal has too few lines, through the pager."""
     target = console()
     if not (target.is_terminal and sys.stdin.isatty()):
         show(target, view)
@@ -64,14 +64,14 @@ def json_line(found: object) -> None:
 
 
 def _dumps(found: object, indent: int | None = None) -> str:
-    """JSON in which everything that a terminal would obey is escaped; letters of all scripts stay readable."""
+    """Write JSON with escapes for everything that a terminal would obey; letters of all scripts stay readable."""
     text = json.dumps(plain(found), ensure_ascii=False, indent=indent)
     return _NOT_SHOWN.sub(lambda found: found[0] if found[0].isprintable() else json.dumps(found[0])[1:-1], text)
 
 
 @contextmanager
 def working(what: str) -> Iterator[Progress]:
-    """Show a progress bar on a terminal; yields what to call with how much is done, and of how much."""
+    """Show a progress bar on a terminal, and yield its progress callback."""
     columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
     shown = Console(stderr=True)
     with Bar(*columns, console=shown, transient=True, disable=not shown.is_terminal) as bar:

@@ -5,7 +5,7 @@ from typing import Annotated
 import typer
 
 import kbstore
-from kbstore.cli.options import Json, Kb, Url, asked, named, store
+from kbstore.cli.options import Json, Kb, Url, named, reading, store
 from kbstore.cli.output import answer, console, json_line, working
 from kbstore.report.tables import plural, show
 from kbstore.transfer.push import adopt as adopt_copy
@@ -35,10 +35,10 @@ def push(
         kbstore push --url robot.db --to fleet.db
         kbstore push --url robot.db --to postgresql://server/fleet --follow
     """
-    with asked(url, kb, None) as found:
+    with reading(url, kb, None) as found:
         if follow:
-            told = _PushLines(found.name if other is None else other, as_json=as_json)
-            kbstore.push(found, to, other, follow=True, progress=told)
+            lines = _PushLines(found.name if other is None else other, as_json=as_json)
+            kbstore.push(found, to, other, follow=True, progress=lines)
             return
         with working(f"pushing {found.name}") as progress:
             done = kbstore.push(found, to, other, progress=progress)
@@ -60,7 +60,7 @@ def adopt(url: Url = None, kb: Kb = None, as_json: Json = False) -> None:
 
 
 class _PushLines:
-    """Prints up to which transaction a copy has been brought, whenever that changes."""
+    """A progress callback that prints a line whenever the last transaction of the copy, or of the source, changes."""
 
     def __init__(self, name: str, *, as_json: bool) -> None:
         self._name = name

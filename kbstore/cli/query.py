@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from kbstore.cli import completion
-from kbstore.cli.options import Arguments, AsOf, At, Condition, Json, Kb, Now, Operator, Url, asked, at_time, belief
+from kbstore.cli.options import Arguments, AsOf, At, Condition, Json, Kb, Now, Operator, Url, at_time, belief, reading
 from kbstore.cli.output import answer
 from kbstore.cli.times import parse_duration
 from kbstore.clock import SECOND, isoformat
@@ -63,7 +63,7 @@ def state(
         kbstore state --at +10m
         kbstore state --at now --as-of -5m --json
     """
-    with asked(url, kb, now) as found:
+    with reading(url, kb, now) as found:
         asking = found.state(at_time(at, found), belief(as_of, found))
         shown = select(asking, _patterns(patterns), about or [], only or [], folding=not (everything or as_json))
         answer(
@@ -74,7 +74,7 @@ def state(
 
 
 def _patterns(given: list[str] | None) -> list[str]:
-    """The patterns; a bare name, which is probably an object, is refused with advice."""
+    """Return the patterns. Raises `InvalidKnowledge` for a bare name, which is probably an object."""
     for pattern in given or []:
         if re.fullmatch(r"[^\s()]+", pattern):
             raise InvalidKnowledge(f"{pattern} is not a pattern: write ({pattern}), or --about {pattern} for an object")
@@ -99,7 +99,7 @@ def holds(
         kbstore holds "(and (docked kenny) (>= (battery kenny) 20))" --at -10m
         kbstore holds "(exists (?w - waypoint) (robot_at kenny ?w))"
     """
-    with asked(url, kb, now) as found:
+    with reading(url, kb, now) as found:
         asking = found.state(at_time(at, found), belief(as_of, found))
         truth = asking.truth(condition)
         report = {"condition": condition, "truth": str(truth), **times(at=asking.at, as_of=asking.as_of)}
@@ -125,7 +125,7 @@ def find(
         kbstore find "(and (robot_at ?r ?w) (> (battery ?r) 20))" --at -10m
         kbstore find "(not (delivered ?p - parcel lab))"
     """
-    with asked(url, kb, now) as found:
+    with reading(url, kb, now) as found:
         bindings = found.find(condition, at=at_time(at, found), as_of=belief(as_of, found))
         answer(bindings, as_json=as_json, view=lambda: records.bindings_table(bindings))
     raise typer.Exit(0 if bindings else 1)
@@ -151,7 +151,7 @@ def wait(
         kbstore wait "(< (battery kenny) 20)"
     """
     patience = None if timeout is None else parse_duration(timeout) / SECOND
-    with asked(url, kb, now) as found:
+    with reading(url, kb, now) as found:
         came = found.wait_for(condition, patience)
     report = {"condition": condition, **times(time=came)}
     answer(report, as_json=as_json, view=lambda: "timed out" if came is None else isoformat(came))
@@ -180,7 +180,7 @@ def value(
         kbstore value "(battery kenny)"
         kbstore value "(- 100 (battery kenny))" --at -1h
     """
-    with asked(url, kb, now) as found:
+    with reading(url, kb, now) as found:
         asking = found.state(at_time(at, found), belief(as_of, found))
         number = asking.value(expression)
         report = {"expression": expression, "value": number, **times(at=asking.at, as_of=asking.as_of)}
@@ -202,7 +202,7 @@ def explain(
         kbstore explain "(open lab_door)"
         kbstore explain "(and (docked kenny) (open lab_door))" --at -10m
     """
-    with asked(url, kb, now) as found:
+    with reading(url, kb, now) as found:
         asking = found.state(at_time(at, found), belief(as_of, found))
         explanation = asking.explain(condition)
         answer(
@@ -229,7 +229,7 @@ def applicable(
         kbstore applicable drive kenny home office
         kbstore applicable pass_door kenny lab_door corridor lab --at -10m
     """
-    with asked(url, kb, now) as found:
+    with reading(url, kb, now) as found:
         names = arguments or []
         judged = found.applicable(operator, *names, at=at_time(at, found))
         action = f"({' '.join((operator, *names))})"

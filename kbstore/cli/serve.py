@@ -62,7 +62,7 @@ def serve(
             " install them with: pip install 'kbstore[web]'"
         ) from None
     place = store(url)
-    # what cannot be opened is told now, and not to whoever asks first
+    # a store that cannot be opened is an error now, and not at the first request
     kbstore.knowledge_bases(place)
     served = Store(
         place,

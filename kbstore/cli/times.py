@@ -1,4 +1,4 @@
-"""Times and durations as typed: those of `kbstore.clock.time`, and nanoseconds in digits; ``30s``, ``1m30s``."""
+"""Parses times and durations as typed: those of `kbstore.clock.time`, and nanoseconds in digits; ``30s``, ``1m30s``."""
 
 import re
 
@@ -9,7 +9,7 @@ ADVICE = "write ISO 8601 with an offset (2026-05-01T12:00:00Z), now, -5m, +30s, 
 
 
 def parse_time(text: str, now: int) -> int:
-    """Return the time that is meant, in nanoseconds; what begins with a sign is relative to now.
+    """Return a time in nanoseconds; a text that begins with a sign is relative to now. Raises `InvalidTime`.
 
     >>> parse_time("-1h30m", now=6_000_000_000_000)
     600000000000
@@ -26,7 +26,7 @@ def parse_time(text: str, now: int) -> int:
 
 
 def parse_duration(text: str) -> int:
-    """Return a duration in nanoseconds. It needs units, so that nobody takes seconds for nanoseconds.
+    """Return a duration in nanoseconds. Raises `InvalidTime` without units, so that nobody gives bare seconds.
 
     >>> parse_duration("1m30s")
     90000000000

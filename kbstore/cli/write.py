@@ -16,9 +16,9 @@ from kbstore.cli.options import (
     Now,
     Starting,
     Url,
-    asked,
     at_time,
-    told,
+    reading,
+    writing,
 )
 from kbstore.cli.output import answer, working
 from kbstore.clock import isoformat
@@ -60,7 +60,7 @@ def load(
         kbstore load domain.pddl problem.pddl --once && robot-service
     """
     domain, problem = _domain_and_problem(files)
-    with told(url, kb, now) as found, working(f"loading {' '.join(path.name for path in files)}"):
+    with writing(url, kb, now) as found, working(f"loading {' '.join(path.name for path in files)}"):
         done = found.load(domain, problem, replace=replace, once=once, client=client, note=note)
     recorded(done, as_json)
 
@@ -89,7 +89,7 @@ def add(
         kbstore add "(increase (battery kenny) 5)"
         kbstore add "(not (open lab_door))" --since -3h --note "the porter's"
     """
-    with told(url, kb, now) as found:
+    with writing(url, kb, now) as found:
         span = {"since": at_time(since, found), "until": at_time(until, found)}
         done = found.add(*items, initial_time=at_time(at, found), **span, client=client, note=note)
     recorded(done, as_json)
@@ -117,7 +117,7 @@ def remove(
         kbstore remove "linen - parcel" --note "the patient was moved"
         kbstore remove "(not (open lab_door))" --at 2026-05-04T09:10:00Z
     """
-    with told(url, kb, now) as found:
+    with writing(url, kb, now) as found:
         span = {"since": at_time(since, found), "until": at_time(until, found)}
         done = found.remove(*items, initial_time=at_time(at, found), **span, client=client, note=note)
     recorded(done, as_json)
@@ -141,7 +141,7 @@ def goal_add(
         kbstore goal add "(delivered blood lab)" "(docked kenny)"
         kbstore goal add "(>= (battery kenny) 80)" --at +1h
     """
-    with told(url, kb, now) as found:
+    with writing(url, kb, now) as found:
         span = {"since": at_time(since, found), "until": at_time(until, found)}
         done = found.add_goal(*goals, initial_time=at_time(at, found), **span, client=client, note=note)
     recorded(done, as_json)
@@ -164,7 +164,7 @@ def goal_remove(
     Examples:
         kbstore goal remove "(delivered ? lab)"
     """
-    with told(url, kb, now) as found:
+    with writing(url, kb, now) as found:
         span = {"since": at_time(since, found), "until": at_time(until, found)}
         done = found.remove_goal(*goals, initial_time=at_time(at, found), **span, client=client, note=note)
     recorded(done, as_json)
@@ -191,12 +191,12 @@ def metric(
         kbstore metric --remove
     """
     if text is None and not remove:
-        with asked(url, kb, now) as found:
-            stands = found.metric(at=at_time(at, found))
-        answer(stands, as_json=as_json, view=lambda: str(stands) if stands else "there is no metric")
+        with reading(url, kb, now) as found:
+            current = found.metric(at=at_time(at, found))
+        answer(current, as_json=as_json, view=lambda: str(current) if current else "there is no metric")
         return
     texts = [] if text is None else [text]
-    with told(url, kb, now) as found:
+    with writing(url, kb, now) as found:
         change = found.remove_metric if remove else found.add_metric
         done = change(*texts, initial_time=at_time(at, found), client=client, note=note)
     recorded(done, as_json)
@@ -213,7 +213,7 @@ def recorded(done: Transaction, as_json: bool) -> None:
 
 
 def _domain_and_problem(files: list[Path]) -> tuple[Path | None, Path | None]:
-    """Tell domain and problem apart among one or two files."""
+    """Distinguish the domain and the problem among one or two files."""
     problems = [path for path in files if _is_problem(path)]
     domains = [path for path in files if path not in problems]
     if len(problems) > 1 or len(domains) > 1:

@@ -9,7 +9,7 @@ from kbstore.errors import KbStoreError
 
 
 def main() -> int:
-    """Run the demonstration; returns the exit code."""
+    """Run the demonstration, and return the exit code."""
     parser = argparse.ArgumentParser(prog="python -m kbstore.cli.demo", description="A robot's morning, and questions.")
     parser.add_argument("file", nargs="?", type=Path, help="the SQLite file to create (default: a new one here)")
     try:

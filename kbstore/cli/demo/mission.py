@@ -20,7 +20,7 @@ NAME = "kenny"
 
 
 def moment(text: str) -> int:
-    """A time of the mission's day, in nanoseconds: ``moment("09:02:00")``."""
+    """Return a time of the mission's day in nanoseconds: ``moment("09:02:00")``."""
     return kbstore.time(f"2026-05-04T{text}Z")
 
 
@@ -55,7 +55,7 @@ class Mission:
         self._drive("08:59:30", "office", "corridor", until="09:00:30")
 
     def _alarm(self) -> None:
-        """The door shuts while the robot passes it."""
+        """Let the door shut while the robot passes it."""
         self._at("09:00:40")
         passing = self._start("pass_door", "kenny", "lab_door", "corridor", "lab")
         self._at("09:01:00")
@@ -113,7 +113,7 @@ class Mission:
 
 
 def record(url: str) -> KnowledgeBase:
-    """Record the mission in a store; returns the knowledge base, still open, at the end of the mission."""
+    """Record the mission in a store, and return the knowledge base, still open, at the end of the mission."""
     clock = ManualClock(START)
     kb = kbstore.open(url, NAME, clock=clock)
     Mission(kb, clock).play()

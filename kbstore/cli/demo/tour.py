@@ -35,7 +35,7 @@ FROM fact_history WHERE name = 'robot_at' ORDER BY initial_ns"""
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """A question, the Python that asks it, and what it shows."""
+    """A question, the Python that asks it, and the answer."""
 
     question: str
     code: str
@@ -98,7 +98,7 @@ def tour(kb: KnowledgeBase) -> Iterator[Answer]:
 
 
 def past_state(kb: KnowledgeBase, t: int) -> RenderableType:
-    """The state at a time, without the building's map."""
+    """Show the state at a time, without the building's map."""
     state, moments = kb.state(at=t), TimeFormat(t, brief=True)
     changing = [fact for fact in state.facts if fact.attribute_name in CHANGING]
     static = len(state.facts) - len(changing) + len(state.functions) - 1
@@ -190,13 +190,13 @@ def new_file() -> Path:
 
 
 def page_beside(file: Path) -> Path:
-    """A file that does not exist yet, for the page of the timeline."""
+    """Return a file that does not exist yet, for the page of the timeline."""
     names = (f"{file.stem}.html" if number == 1 else f"{file.stem}-{number}.html" for number in count(1))
     return next(path for name in names if not (path := file.with_name(name)).exists())
 
 
 def unused(file: Path | None) -> Path:
-    """The file, or a new one if none is named; one that exists is refused."""
+    """Return the file, or a new one if none is named. Raises `StoreUnavailable` if it exists."""
     path = new_file() if file is None else file
     if path.exists():
         raise StoreUnavailable(f"{path} exists already; name one that does not, as the demonstration creates it")
@@ -204,7 +204,7 @@ def unused(file: Path | None) -> Path:
 
 
 def run(file: Path | None = None, console: Console | None = None) -> Path:
-    """Record the mission in a new file and show everything; returns the file. An existing file is refused."""
+    """Record the mission in a new file, show everything, and return it. Raises `StoreUnavailable` if it exists."""
     path = unused(file)
     shown = console or Console(highlight=False)
     if shown.width > WIDTH or not shown.is_terminal:
