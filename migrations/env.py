@@ -1,9 +1,9 @@
-"""How the migrations of kbstore are run: all that one call does is one transaction, on SQLite and on PostgreSQL.
+"""Runs kbstore's migrations, all steps of a call in one transaction, on SQLite and on PostgreSQL.
 
-Left to itself, alembic on SQLite keeps half of a migration that failed, lets two processes migrate at once, and
-loses the children of a table that is made anew under foreign keys. So the driver is put into autocommit, and the
-transaction is begun here, by hand and under the write lock; foreign keys are off meanwhile and checked before the
-end, and the rows are counted before and after. A process killed at any moment leaves the database as it was.
+By default, alembic on SQLite keeps half of a migration that failed, lets two processes migrate at once, and loses the
+children of a table that is created again under foreign keys. So the driver is in autocommit mode, and the transaction
+is begun here, by hand and under the write lock; foreign keys are off meanwhile and checked before the end, and the rows
+are counted before and after. A process killed at any moment leaves the database as it was.
 """
 
 import os
@@ -25,7 +25,7 @@ LOCK = 0x6B6273746F7265
 
 
 def main() -> None:
-    """Do what alembic was called for, on the connection that it was handed or on the database that is named."""
+    """Run the command of alembic on the connection that was passed to it, or on the database that is named."""
     handed: sa.Connection | None = context.config.attributes.get("connection")
     if handed is not None:
         migrate(handed, context.config.attributes.get("schema"))
@@ -47,7 +47,7 @@ def main() -> None:
 
 
 def migrate(connection: sa.Connection, schema: str | None) -> None:
-    """Run the steps in one transaction, on a connection in autocommit; nothing is kept where there was no step."""
+    """Run the steps in one transaction, on a connection in autocommit mode; without a step, roll it back."""
     sqlite = connection.dialect.name == "sqlite"
     steps: list[Any] = []
     enforced = sqlite and connection.exec_driver_sql("PRAGMA foreign_keys").scalar()
@@ -75,7 +75,7 @@ def migrate(connection: sa.Connection, schema: str | None) -> None:
 
 
 def begin(connection: sa.Connection, schema: str | None) -> None:
-    """Begin the transaction, waiting for any other migration; from here on names are those of the schema, if given."""
+    """Begin the transaction after any other migration; from here on names refer to the schema, if given."""
     if connection.dialect.name == "sqlite":
         connection.exec_driver_sql("BEGIN IMMEDIATE")
         return
@@ -84,21 +84,21 @@ def begin(connection: sa.Connection, schema: str | None) -> None:
     if schema is None:
         return
     quoted = connection.dialect.identifier_preparer.quote_identifier(schema)
-    # asked first: IF NOT EXISTS would need the right to create schemas even where it exists
+    # looked up first, as IF NOT EXISTS would need the right to create schemas even if it exists
     if not connection.execute(sa.text("SELECT 1 FROM pg_namespace WHERE nspname = :name"), {"name": schema}).scalar():
         connection.exec_driver_sql(f"CREATE SCHEMA {quoted}")
     connection.exec_driver_sql(f"SET LOCAL search_path TO {quoted}")
 
 
 def count_rows(connection: sa.Connection) -> dict[str, int]:
-    """The number of rows of each of kbstore's tables that exist."""
+    """Count the rows of each of kbstore's tables that exist."""
     existing = set(sa.inspect(connection).get_table_names()) & tables.metadata.tables.keys()
     count = sa.select(sa.func.count())
     return {name: connection.execute(count.select_from(sa.table(name))).scalar_one() for name in sorted(existing)}
 
 
 def refuse_losses(connection: sa.Connection, before: dict[str, int]) -> None:
-    """Raise where a table that is still there has fewer rows than before, or a row refers to none."""
+    """Raise `CommandError` if a table that is still there has fewer rows than before, or a row refers to none."""
     after = count_rows(connection)
     lost = [f"{name}: {before[name] - after[name]}" for name in before if after.get(name, before[name]) < before[name]]
     if lost:
@@ -124,15 +124,15 @@ def write_script(engine: sa.Engine, schema: str | None) -> None:
 
 
 def options(dialect: sa.Dialect) -> dict[str, Any]:
-    """What alembic is told in every mode."""
+    """Return alembic's options for every mode."""
     return {
         "target_metadata": tables.metadata,
         "version_table": VERSION_TABLE,
         "transactional_ddl": True,
-        # a service's own tables in the same database are none of our business
+        # a service's own tables in the same database are left alone
         "include_name": lambda name, kind, _: kind != "table" or name in tables.metadata.tables,
         "process_revision_directives": number_revision,
-        # SQLite alters a table by making it anew
+        # SQLite alters a table by creating it again
         "render_as_batch": dialect.name == "sqlite",
     }
 

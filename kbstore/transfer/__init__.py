@@ -1,1 +1,1 @@
-"""Keeping a store for years: backups, exports, archives."""
+"""Copies of stores and knowledge bases: backups, exports and imports, archives, pushes."""

@@ -1,11 +1,11 @@
-"""Moving history out of a store, into an archive that can be asked as the store was (rule Q7).
+"""Moves history out of a store, into an archive that can be asked as the store was (rule Q7).
 
-The store keeps what is needed to answer about a time T and later: what held then, and the transactions that
-recorded it. The archive has everything that had been recorded before T.
+The store keeps what is needed to answer about a time T and later: what held then, and the transactions that recorded
+it. The archive has everything that had been recorded before T.
 
-Killed at any moment, archiving is done again with the same arguments, and finishes: the archive is written in one
-transaction and checked; only then does the store say that its history begins at T; only after that is anything
-deleted, in transactions so small that writers hardly wait.
+Archiving that was killed at any moment can be called again with the same arguments, and finishes: the archive is
+written in one transaction and checked; only then is T stored as the beginning of the store's history; only after that
+is anything deleted, in transactions so small that writers hardly wait.
 """
 
 import os
@@ -24,10 +24,10 @@ from kbstore.transfer.archive_file import ArchiveFile
 from kbstore.transfer.rows import Part, Progress, RowSource, Steps
 
 WINDOW = 500
-"""The rows of how many transactions are deleted at once."""
+"""The number of transactions whose rows are deleted at once."""
 
 MOST = 5000
-"""At most how many rows of a table are deleted at once."""
+"""The most rows of a table that are deleted at once."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,14 +58,14 @@ class _Archiving:
         self._steps = Steps(None, 0)
 
     def done(self) -> Archived:
-        """Copy, check, delete, give the space back."""
+        """Copy, check, delete, and free the space."""
         LOG.info("archiving %s before %s into %s", self._reader.name, isoformat(self._before), self._path)
         with self._database.read() as session:
             session.be_patient()
             repository = Repository(session, self._reader.kb, self._reader.memory)
             head = repository.head()
             self._refuse_future(head)
-            # what an archiving that was interrupted has left is deleted, too
+            # rows that an interrupted archiving has left are deleted, too
             self._before = max(self._before, head.history_from)
             upto = self._last_before(repository, head)
             if not upto:
@@ -90,11 +90,11 @@ class _Archiving:
         if self._before > head.time:
             raise InvalidTime(
                 f"{isoformat(self._before)} is after the latest transaction of {self._reader.name}, of "
-                f"{isoformat(head.time)}; what is not yet past cannot be archived: give that time at the latest"
+                f"{isoformat(head.time)}; only the past can be archived: give that time at the latest"
             )
 
     def _refuse_gone(self, head: Head) -> None:
-        """Raise where an archive that has nothing yet would have to have what the store has no more."""
+        """Raise `HistoryUnavailable` if a new archive would need history that the store does not have any more."""
         if self._before <= head.history_from:
             raise HistoryUnavailable(
                 f"{self._reader.name} keeps its history from {isoformat(head.history_from)} on; what was before has "
@@ -104,12 +104,12 @@ class _Archiving:
     # -- copying ----------------------------------------------------------------------------------------------
 
     def _last_before(self, repository: Repository, head: Head) -> int:
-        """The number of the last transaction before the time; 0 if there was none."""
+        """Return the number of the last transaction before the time; 0 if there was none."""
         following = repository.first_transaction_from(self._before)
         return head.number if following is None else following - 1
 
     def _copy(self, session: StoreConnection, head: Head, upto: int) -> None:
-        """Make the archive have everything before the time, as far as it has not, and check it."""
+        """Copy into the archive what it lacks of the history before the time, and check it."""
         part = Part(upto=upto, since=head.history_from)
         if not self._path.exists():
             self._refuse_gone(head)
@@ -132,7 +132,7 @@ class _Archiving:
     # -- deleting ---------------------------------------------------------------------------------------------
 
     def _delete(self, upto: int) -> int:
-        """Delete what ended before the time, and the transactions that nothing refers to any more."""
+        """Delete the rows that ended before the time, and the transactions that nothing refers to any more."""
         parameters = self._at() | {"upto": upto, "most": MOST}
         with self._database.begin() as session:
             deleted = session.run(statements.delete_ended_runs, parameters)

@@ -1,7 +1,7 @@
-"""The file that history is archived into: an SQLite store, marked, in which a knowledge base ends before a time.
+"""Archive files: SQLite stores, marked as archives, in which a knowledge base ends just before a time.
 
-In it a knowledge base is exactly as it was just before that time: it holds everything recorded by then, ends and
-cancellations that came later are not known yet, and the ends that were expected are derived anew.
+In an archive the knowledge base is exactly as it was then: it has everything recorded until then, later ends and
+cancellations are not known yet, and the ends that were expected are derived anew.
 """
 
 from collections.abc import Callable, Iterator
@@ -39,7 +39,7 @@ class ArchiveFile:
     @classmethod
     @contextmanager
     def opened(cls, path: Path, name: str) -> Iterator["ArchiveFile"]:
-        """An archive for a while; the file is made if there is none. Raises `InvalidKnowledge` for any other file."""
+        """Open an archive, and create it if there is no file. Raises `InvalidKnowledge` for any other file."""
         _mark(path)
         database = Database(path)
         try:
@@ -51,16 +51,16 @@ class ArchiveFile:
             database.close()
 
     def head(self) -> Head | None:
-        """The end of its log; None if it has nothing of the knowledge base yet. It ends right after that time."""
+        """Return the end of its log; None if it has nothing of the knowledge base yet."""
         with self._database.read() as session:
             found = directory.find(session, self._name)
             return None if found is None else Repository(session, found.kb, StoreMemory()).head()
 
     def refuse_other(self, session: StoreConnection, head: Head, own: Head) -> None:
-        """Raise unless what it has, up to `own`, goes on in the store that `session` reads.
+        """Refuse an archive, which ends with `own`, unless the store that `session` reads continues it.
 
-        Raises `HistoryUnavailable` if there is a gap between the two, `InvalidKnowledge` if it was taken from another
-        knowledge base of that name.
+        Raises `HistoryUnavailable` if there is a gap between the two, `InvalidKnowledge` if the archive is that of
+        another knowledge base of the same name.
         """
         if own.time + 1 < head.history_from:
             raise HistoryUnavailable(
@@ -79,7 +79,7 @@ class ArchiveFile:
     # -- writing ----------------------------------------------------------------------------------------------
 
     def take(self, session: StoreConnection, before: int, part: Part, step: Callable[[int], None]) -> None:
-        """Write what the store has of a part of the record, as it was just before a time; in one transaction."""
+        """Write a part of the store's record, as it was just before a time, in one transaction."""
         own = self.head()
         if own is not None:
             part = part._replace(after=own.number)
@@ -126,7 +126,7 @@ class ArchiveFile:
 
 
 def _mark(path: Path) -> None:
-    """Make a file that does not exist, or is empty, an archive; refuse one that is none."""
+    """Create an archive if there is no file, or an empty one. Raises `InvalidKnowledge` for any other file."""
     try:
         with open(path, "rb") as file:
             header = file.read(100)

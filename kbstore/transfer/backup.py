@@ -1,4 +1,4 @@
-"""A copy of a whole store, consistent while writers go on: always an SQLite file, which can be opened and asked."""
+"""Copies a whole store, consistently while writers go on, to an SQLite file, which can be opened and asked."""
 
 import os
 import sqlite3
@@ -17,13 +17,12 @@ _PAGES = 2000
 def backup(url: Store, path: str | os.PathLike[str], *, progress: Progress | None = None) -> Path:
     """Copy a store to a new SQLite file, as it is at one moment, while others go on reading and writing.
 
-    Of an SQLite file everything is copied; of a PostgreSQL database, all knowledge bases in it. The copy is a store
-    like any other: open it, or take a knowledge base back from it with `export_knowledge_base` and
-    `import_knowledge_base`.
+    An SQLite file is copied whole; from a PostgreSQL database, all knowledge bases are copied. The copy is a store like
+    any other: open it, or restore a knowledge base from it with `export_knowledge_base` and `import_knowledge_base`.
 
     Args:
         url: the store.
-        path: the new file, which must not exist yet; it is whole and on the disk, or not there at all.
+        path: the new file, which must not exist yet; it appears when it is complete and on the disk, or not at all.
         progress: called repeatedly with how much is copied, and of how much (pages of an SQLite file, else rows).
 
     Returns:
@@ -47,14 +46,14 @@ def _copy_file(database: Database, path: Path, progress: Progress | None) -> Non
         if progress is not None:
             progress(total - left, total)
 
-    # within a transaction all steps copy the same snapshot; without, a writer would make it begin again
+    # within a transaction all steps copy the same snapshot; without one, a writer would make the copy begin again
     with database.read() as session, closing(sqlite3.connect(path)) as copied:
         try:
             session.driver.execute("SELECT count(*) FROM sqlite_master").fetchone()
             session.driver.backup(copied, pages=_PAGES, progress=report)
             _make_single_file(copied)
         except sqlite3.Error as error:
-            # of the two files it is mostly the new one that has no room
+            # mostly the disk of the new file is full
             raise OSError(str(error)) from error
 
 
@@ -70,7 +69,7 @@ def _copy_rows(database: Database, path: Path, progress: Progress | None) -> Non
             for found in sources:
                 made = RowTarget(target, found.name, use_unknowns=found.use_unknowns)
                 copy(found, made, steps)
-                # what follows another store does so where it was
+                # the original remains the copy that pushes continue
                 made.put_head(found.head._replace(source=None))
         with copied.connect() as session, copied.wrap_errors():
             _make_single_file(session.driver)

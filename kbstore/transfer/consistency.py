@@ -1,7 +1,7 @@
-"""Checks that the rows of an import fit each other, as in every store: asked of the scratch file, in SQL.
+"""Checks that the rows of an import fit each other, as in every store, by SQL on the scratch file.
 
 Each rule is a condition that no row of a store fulfils, with the end of the sentence that refuses one that does. All
-rules about one table are one statement. What had been archived away before `history_from` is not missed.
+rules about one table are one statement. Rows that were archived, before `history_from`, are not missed.
 """
 
 from collections.abc import Iterator, Sequence
@@ -20,13 +20,12 @@ from kbstore.storage.tables import Revision
 from kbstore.transfer.scratch import Scratch
 
 Rule = tuple[Any, str]
-"""Contradictions to look for, each with the end of the sentence that begins with its line."""
+"""A contradiction to look for, and the end of the sentence that begins with its line."""
 
 _T, _GONE = parameter("since"), parameter("gone")
 
-
 _RETIRING = (Revision.CANCELLED, Revision.SUPERSEDED, Revision.EMPTIED)
-"""The first of all."""
+"""The revisions after which a row is not known any more; they have the lowest numbers of all."""
 
 
 class Contradiction(NamedTuple):
@@ -40,7 +39,7 @@ class Contradiction(NamedTuple):
 def contradictions(scratch: Scratch, since: int, gone: int) -> Iterator[Contradiction]:
     """Yield the contradictions, the first of each table and kind.
 
-    `since` is from when on the history is there, `gone` the last transaction before that time.
+    `since` is the time from which on the file has history, `gone` the last transaction before that time.
     """
     archived = {"since": since, "gone": gone}
     for table, (statement, rules) in _checks.items():
@@ -65,7 +64,7 @@ def _same(left: Any, right: Any, *names: str) -> Any:
 
 
 def _check(core: Any, key: Sequence[Any], rules: Sequence[Rule]) -> tuple[Statement, Sequence[Rule]]:
-    """The first row that breaks a rule, and the number of the rule."""
+    """Return the statement for the first row that breaks a rule, with the rule's number, and the rules."""
     broken = case(*((condition, constant(number)) for number, (condition, _) in enumerate(rules)))
     found = core.with_only_columns(*key, broken.label("rule")).where(broken.is_not(None))
     return Statement(found.order_by(*key).limit(constant(1))), rules
@@ -224,7 +223,7 @@ def _of_domains() -> tuple[Statement, Sequence[Rule]]:
 
 
 def _without_row(table: Table) -> Any:
-    """Rows of a table that say something of an assertion that is not there."""
+    """Return the condition that a row of a side table is about an assertion that is not in the file."""
     columns = table.c
     return not_(
         exists().where(
@@ -293,9 +292,9 @@ def _derived() -> Any:
 
 
 def _wrong_places() -> Any:
-    """Transactions whose rows have a place twice; or leave one out, where none of them has been archived.
+    """Select transactions whose rows have a place twice, or leave one out although none of them was archived.
 
-    What is derived comes last in its transaction, and may have been deleted.
+    Derived rows are the last ones of their transaction, and may have been deleted.
     """
     told = func.sum(case((_derived(), constant(0)), else_=constant(1)))
     last = func.max(case((_derived(), constant(-1)), else_=_rows.c.seq))
@@ -346,7 +345,7 @@ _all_revisions = Statement(_revisions())
 
 
 def _revised(scratch: Scratch) -> Iterator[Contradiction]:
-    """Revisions that do not lead to what became of their row."""
+    """Yield revisions that contradict the row that they revise."""
     for key, found in groupby(scratch.rows(_all_revisions), key=lambda row: row[:2]):
         revisions = list(found)
         start, end, ended, retired = revisions[-1][5:]

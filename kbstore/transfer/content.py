@@ -1,7 +1,7 @@
 """Checks that an import contains what could have been recorded: names, domains, texts, types, derived ends.
 
 Timelines are read one after another, with their rows in the order of time. An end that no transaction made follows
-from what is there (rules V1, C9): it is derived again, and compared.
+from other rows (rules V1, C9): it is derived again, and compared.
 """
 
 import json
@@ -46,7 +46,7 @@ _LIFESPANS = 100_000
 
 
 class Version(NamedTuple):
-    """A version of the domain, in force from a time on; the first has none."""
+    """A version of the domain, in force from a time on; the first version is that without a domain."""
 
     time: int
     symbols: SymbolTable
@@ -65,7 +65,7 @@ class _Row(NamedTuple):
 
 
 class _Wrong(Exception):
-    """The fault of a row, or of a timeline where there is no row."""
+    """Raised for the fault of a row, or of a timeline if there is no row."""
 
     def __init__(self, sentence: str, row: _Row | None = None) -> None:
         super().__init__(sentence)
@@ -73,7 +73,7 @@ class _Wrong(Exception):
 
 
 class Content:
-    """Judges what the timelines of a scratch file say, of which the history is there from a time on."""
+    """Checks the content of a scratch file, which has history from the time `since` on."""
 
     def __init__(self, scratch: Scratch, since: int) -> None:
         self._scratch = scratch
@@ -82,7 +82,7 @@ class Content:
         self.existences = lru_cache(maxsize=_LIFESPANS)(self._existences)
 
     def contradictions(self) -> Iterator[Contradiction]:
-        """Yield what no store would have taken, in the order of the tables."""
+        """Yield the rows that no store would have accepted, in the order of the tables."""
         for check in (self._domains, self._symbols, self._timelines, self._runs):
             yield from check()
 
@@ -137,7 +137,7 @@ class Content:
                 yield Contradiction(where, place, str(wrong))
 
     def _check_rows(self, timeline: Timeline) -> None:
-        # of a metric and a constraint, rows that have been archived may have mentioned others
+        # archived rows of a metric or a constraint may have mentioned other objects
         is_fixed = timeline.kind is not KnowledgeType.EXPRESSION or timeline.role is Role.GOAL
         mentioned = set(mentions(timeline, ())) if is_fixed else set[str]()
         before: _Row | None = None
@@ -180,7 +180,7 @@ class Content:
         raise _Wrong(f"has an end that nothing makes; {expected} follows from the other lines", row)
 
     def _was_followed(self, timeline: Timeline, row: _Row) -> bool:
-        """Return whether what made a row end has been taken away by late knowledge, or was a run (rule O5)."""
+        """Return whether the cause of a row's end was superseded by late knowledge, or was a run (rule O5)."""
         if any(self._scratch.rows(queries.began_and_retired[timeline.kind], timeline=timeline.id, t=row.end)):
             return True
         if any(
@@ -188,7 +188,7 @@ class Content:
             for name in mentions(timeline, row.value)
         ):
             return True
-        # a number becomes undefined where its rate reads what is
+        # a number becomes undefined when its rate reads an undefined function
         return timeline.kind is KnowledgeType.FUNCTION and any(self._scratch.rows(queries.running, t=row.end))
 
     # -- domains ----------------------------------------------------------------------------------------------
@@ -280,7 +280,7 @@ class Content:
             return _sentence("is of an action that the domain does not have", error)
         if not action.durative or len(action.parameters) != len(words) - 1:
             return f"is of ({' '.join(words)}), which is not a durative action of the domain"
-        # late knowledge may say that its objects did not exist (rule L7)
+        # its objects need not have existed, by late knowledge (rule L7)
         return None
 
 
@@ -353,5 +353,5 @@ def _name_problem(*names: str) -> str | None:
 
 
 def _sentence(what: str, error: Exception) -> str:
-    """An error in one sentence of one line."""
+    """Return an error in one sentence on one line."""
     return f"{what}: {' '.join(str(error).split()):.300}"

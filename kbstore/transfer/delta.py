@@ -1,7 +1,7 @@
-"""Deltas: what some transactions of a knowledge base did, as rows, and how a copy takes them over.
+"""Deltas: reads what some transactions of a knowledge base did, as rows, and writes them into a copy.
 
 The rows are read on one snapshot: those that the transactions recorded, and older ones that they changed. If the store
-has gone on since, each row is taken as it was after the last of these transactions.
+has gone on since, each row is copied as it was after the last of these transactions.
 """
 
 import json
@@ -23,13 +23,13 @@ from kbstore.transfer.queries import assertions, by_table
 from kbstore.transfer.rows import BATCH, Part, Record, RowSource, RowTarget, batches
 
 Keys = dict[str, list[tuple[int, int]]]
-"""By table, the keys of rows, in order."""
+"""The keys of rows, in order, by table."""
 
 _NUMBERS = ("recorded_tx", "ended_tx", "retired_tx", "told_tx")
 
 
 class Span(NamedTuple):
-    """The transactions after one, where a copy stands, and up to another, with its time."""
+    """The transactions after the end of a copy's log, `before`, and up to the number `upto`, with its time."""
 
     before: Head
     upto: int
@@ -54,9 +54,9 @@ class Delta:
         self._rows = 0
 
     def write(self, connection: StoreConnection, target: RowTarget, source: str) -> Head:
-        """Write the rows into a copy that stands where the span begins, under its lock; returns its new head.
+        """Write the rows into a copy whose log ends where the span begins, under its lock, and return its new head.
 
-        `source` is the name by which the copy knows where it comes from.
+        `source` is the name by which the copy knows its original.
         """
         before = self._span.before
         open_runs = [row[0] for row in connection.all(statements.open_runs, {"kb": target.kb})]
@@ -73,7 +73,7 @@ class Delta:
         return self._rows
 
     def _head(self, source: str) -> Head:
-        """The head of the copy, but for what the rows tell."""
+        """Return the head of the copy, except for the parts that follow from the rows."""
         before, latest = self._span.before, self.source.head
         history_from = before.history_from if before.number else latest.history_from
         if self.is_latest:
@@ -109,7 +109,7 @@ class Delta:
             known = self._connection.array(sorted(metrics))
             target.add("mentions", list(self.source.records("mentions", statements.other_mentions, ids=known)))
         if self._span.before.history_from and self._referred:
-            # what the copy has archived, and needs again
+            # transactions that the copy has archived, and needs again
             numbers = self._connection.array(sorted(self._referred))
             found = self.source.records("transactions", statements.transactions_numbered, numbers=numbers)
             target.add("transactions", list(found))
@@ -118,7 +118,7 @@ class Delta:
     # -- reading ----------------------------------------------------------------------------------------------
 
     def _records(self, table: str, keys: Keys, open_runs: Sequence[int]) -> Iterator[Record]:
-        """The rows of a table as they were after the last transaction of the span; older ones first."""
+        """Yield the rows of a table as they were after the last transaction of the span, older ones first."""
         for stored in self._stored(table, keys, open_runs):
             record = stored if self._past is None else self._past.of(table, stored)
             if table in assertions:
@@ -136,7 +136,7 @@ class Delta:
             yield from self.source.records(table, statements.known_runs, open_runs=numbers)
         before = self._span.before
         if table == "mentions" and self.source.timeline == before.timeline:
-            # of no new timeline; looked for object by object, which takes time
+            # without a new timeline there is none, and looking for them, object by object, takes time
             return
         yield from self.source.records(
             table,
@@ -147,7 +147,7 @@ class Delta:
         )
 
     def _older(self) -> Keys:
-        """The rows that the copy has, and that the transactions changed."""
+        """Return the keys of the rows that the copy has, and that the transactions changed."""
         before = self._span.before
         if not before.number:
             return {}

@@ -1,7 +1,7 @@
-"""The SQL statements that read what some transactions did, of one knowledge base, as rows.
+"""The SQL statements that read what some transactions of one knowledge base did, as rows.
 
-A row's key is the transaction that recorded it and its place in that, so a part of the record is a range of keys, and
-the keys of what the part changed of older rows. Numbers after :after and up to :upto are meant everywhere.
+A row's key is the transaction that recorded it and its place in that. So the rows of a part of the record are a range
+of keys, and the keys of the older rows that the part changed. The transactions are those after :after and up to :upto.
 """
 
 from typing import Any, Final
@@ -21,7 +21,7 @@ _runs, _timelines, _mentions = tables.runs.c, tables.timelines.c, tables.mention
 
 
 def _keyed(table: Table) -> Statement:
-    """The rows with the keys that are given as pairs: of a transaction, and a place in it."""
+    """Select the rows with keys that are given as pairs of a transaction and a place in it."""
     shown = [table.c[column.name] for column in by_table[table.name].columns]
 
     def rows(dialect: str) -> Any:
@@ -58,7 +58,7 @@ known_runs = Statement(by_table["runs"].chosen.where(among(_runs.number, "open_r
 
 
 def _mentions_of_objects() -> Any:
-    """Found by the object, as the key of the table begins with it."""
+    """Select mentions by their objects, as the key of the table begins with the object."""
     objects = tables.timelines.join(tables.mentions, and_(_mentions.kb_id == KB, _mentions.object_id == _timelines.id))
     return (
         select(_mentions.object_id, _mentions.timeline_id)
@@ -78,14 +78,14 @@ new_mentions = Statement(_mentions_of_objects().where(_is_new))
 """The objects that new timelines mention."""
 
 other_mentions = Statement(_mentions_of_objects().where(among(_mentions.timeline_id, "ids")))
-"""The objects that some timelines mention: what the metric's mentions varies."""
+"""The objects that some timelines mention; those of the metric vary."""
 
 revised = Statement(
     select(_revisions.knowledge_type, _revisions.recorded_tx, _revisions.seq).where(
         _revisions.kb_id == KB, between(_revisions.tx), _revisions.recorded_tx <= parameter("after")
     )
 )
-"""The older rows that the transactions changed otherwise than by ending what had been open."""
+"""The older rows that the transactions changed, except open ones that they ended."""
 
 ahead = Statement(
     select(_schedules.recorded_tx, _schedules.seq)
@@ -97,7 +97,7 @@ ahead = Statement(
         _schedules.recorded_tx <= parameter("after"),
     )
 )
-"""The older rows of functions that lay ahead of :t: their rates change, and derived ones go, without a revision."""
+"""The older rows of functions that lay ahead of :t: their rates change, and derived ones vanish, without a revision."""
 
 sizes = Statement(
     select(_transactions.number, _transactions.recorded_time, _transactions.changes)

@@ -1,4 +1,4 @@
-"""A whole knowledge base as JSON Lines: to keep, to look into, and to restore in any store, on either engine.
+"""Exports a whole knowledge base as JSON Lines, and imports it into any store, on either engine.
 
 The format is that of `kbstore.transfer.jsonl`.
 """
@@ -29,7 +29,7 @@ def export_knowledge_base(url: Store, name: str, file: File, *, progress: Progre
     Args:
         url: the store.
         name: the knowledge base.
-        file: a path, which must not exist yet and does not before all is written; or a file open in binary mode.
+        file: a path, which must not exist yet, and appears when everything is written; or a file open in binary mode.
         progress: called repeatedly with the number of rows written and the total.
 
     Returns:
@@ -61,9 +61,9 @@ def _export(source: RowSource, output: IO[bytes], progress: Progress | None) -> 
 def import_knowledge_base(url: Store, file: File, name: str | None = None, *, progress: Progress | None = None) -> str:
     """Restore a knowledge base that was exported, with every time, transaction, run and cancellation as it was.
 
-    The file is judged as a whole before a row is stored: its rows wait in a temporary file (`TMPDIR`), which takes
-    about as much room as they do in an SQLite store. They are stored in one transaction, under the write lock, which on
-    SQLite keeps other writers of the store waiting.
+    The whole file is checked before a row is stored: its rows wait in a temporary file (`TMPDIR`), which takes about as
+    much space as they do in an SQLite store. They are stored in one transaction, under the write lock; on SQLite, other
+    writers of the store wait for it.
 
     Args:
         url: the store; an empty database is set up.
@@ -75,8 +75,8 @@ def import_knowledge_base(url: Store, file: File, name: str | None = None, *, pr
         The name under which it was stored.
 
     Raises:
-        InvalidKnowledge: the store has a knowledge base of that name, or the file is not an export, was cut off or
-            altered, or says what no store can hold; the message names the line.
+        InvalidKnowledge: the store has a knowledge base of that name; or the file is not an export, was cut off or
+            altered, or has rows that no store can have, and the message names the line.
         SchemaTooNew: the file was written by a newer kbstore.
         StoreUnavailable: the store or the file cannot be reached.
     """
@@ -106,7 +106,7 @@ def _refuse_known(name: str, *, is_known: bool) -> None:
 
 
 def _judge(lines: JsonLinesReader, rows: Scratch, steps: Steps) -> None:
-    """Read all lines into a scratch file. Raises `InvalidKnowledge` for the first that no store could have made."""
+    """Read all lines into a scratch file. Raises `InvalidKnowledge` for the first that no store can have written."""
     for table in by_table:
         for records in batches(lines.records(table)):
             rows.add(table, records)
@@ -133,7 +133,7 @@ def _writing(file: File) -> Iterator[IO[bytes]]:
 
 @contextmanager
 def _reading(file: File) -> Iterator[tuple[str, IO[bytes]]]:
-    """The file with a name for messages."""
+    """Open a file to read, and yield a name for messages with it."""
     if not isinstance(file, str | os.PathLike):
         yield str(getattr(file, "name", "the file")), file
         return

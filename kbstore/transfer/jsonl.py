@@ -1,9 +1,9 @@
-"""The JSON Lines that a knowledge base is exported to, and how far they are believed when they are read.
+"""JSON Lines codec for the export of a knowledge base, with checks of each line that is read.
 
-The first line is a header, the last one says how many rows there were, and each line between is one row of a table,
-with its times and transactions as they are stored. What is null is left out; so is the end time of what is open.
-Every line ends with a checksum over itself and all lines before it (CRC-32), so that of a file that was cut off or
-altered the line is known from which on it cannot be trusted.
+The first line is a header, the last one has the number of rows, and each line between is one row of a table, with its
+times and transactions as they are stored. Null is left out, and so is an open end time. Every line ends with a checksum
+over itself and all lines before it (CRC-32), so that the first line is known from which on a file was cut off or
+altered.
 """
 
 import json
@@ -21,7 +21,7 @@ from kbstore.transfer.row_checks import WHOLE_NUMBERS, RowChecks, is_text
 from kbstore.transfer.rows import Record
 
 VERSION = 1
-"""The version of the format that is written; the latest that is read."""
+"""The version of the format that is written, and the latest one that is read."""
 
 _FORMAT: Final = "kbstore knowledge base"
 _LONGEST_LINE: Final = 2**28
@@ -39,12 +39,12 @@ class JsonLinesWriter:
         self._rows = 0
 
     def header(self, name: str, head: Head, rows: Mapping[str, int], *, use_unknowns: bool) -> None:
-        """The first line: what the knowledge base is, and how many rows of each table follow."""
+        """Write the first line: the knowledge base, and how many rows of each table follow."""
         about = {"name": name, "use_unknowns": use_unknowns} | _named(head)
         self._write({"format": _FORMAT, "version": VERSION, **about, "rows": rows})
 
     def records(self, table: str, records: Sequence[Record]) -> None:
-        """Rows of a table."""
+        """Write rows of a table."""
         for record in records:
             shown = {name: value for name, value in record.items() if value is not None}
             if shown.get("end_time") == OPEN:
@@ -53,7 +53,7 @@ class JsonLinesWriter:
         self._rows += len(records)
 
     def end(self) -> int:
-        """The last line. Returns the number of rows."""
+        """Write the last line, and return the number of rows."""
         self._write({"end": self._rows})
         return self._rows
 
@@ -64,7 +64,7 @@ class JsonLinesWriter:
 
 
 class JsonLinesReader:
-    """Reads the lines of one knowledge base, each checked before it is believed.
+    """Reads the lines of one knowledge base, and checks each.
 
     Every refusal is an `InvalidKnowledge` that names the line.
     """
@@ -79,7 +79,7 @@ class JsonLinesReader:
         self._checks: RowChecks
 
     def header(self) -> dict[str, Any]:
-        """The first line. Raises `SchemaTooNew` for a format that this kbstore does not know."""
+        """Read the first line. Raises `SchemaTooNew` for a format that this kbstore does not know."""
         line = self._line("a line about a knowledge base")
         if line.get("format") != _FORMAT or type(line.get("version")) is not int:
             self._refuse("is not the beginning of an export of a knowledge base; make one: kbstore export")
@@ -112,11 +112,11 @@ class JsonLinesReader:
 
     @property
     def gone(self) -> int:
-        """The last transaction of which the history may have been archived; known when all rows have been read."""
+        """The last transaction whose history may have been archived; known when all rows have been read."""
         return self._checks.gone
 
     def records(self, table: str) -> Iterator[Record]:
-        """The rows of the next table."""
+        """Read the rows of the next table."""
         names = {column.name for column in by_table[table].columns}
         for _ in range(self._rows[table]):
             line = self._line(f"a row of {table}")
@@ -130,7 +130,7 @@ class JsonLinesReader:
             yield self._checks.check(table, line)
 
     def end(self) -> None:
-        """The last line, and nothing after it."""
+        """Read the last line, and check that nothing follows."""
         if self._line("the last line") != {"end": sum(self._rows.values())}:
             self._refuse("is not the last line, where that was expected")
         self._checks.end()

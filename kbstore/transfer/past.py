@@ -1,4 +1,4 @@
-"""Rows as they were after a transaction: what later ones did to them is undone by their revisions."""
+"""Restores rows as they were after a transaction: the changes by later ones are undone by means of revisions."""
 
 from kbstore.clock import OPEN
 from kbstore.storage.connection import StoreConnection
@@ -16,13 +16,13 @@ class Past:
         self._revisions: dict[tuple[int, int], tuple[int, int]] = {}
         self._cancelled: set[tuple[int, int]] = set()
         for number, seq, tx, what, end_before in connection.all(revisions_after, {"kb": kb, "upto": upto}):
-            # the first change after `upto` tells the end before it
+            # the first change after `upto` has the end before it
             self._revisions.setdefault((number, seq), (tx, end_before))
             if what == Revision.CANCELLED:
                 self._cancelled.add((number, seq))
 
     def of(self, table: str, record: Record) -> Record:
-        """A row as it was."""
+        """Return a row of a table as it was."""
         if table in assertions:
             return self._assertion(table, record)
         if table == "schedules" and (record["recorded_tx"], record["seq"]) in self._cancelled:
@@ -37,14 +37,14 @@ class Past:
         if revision is not None and (not self._is_later(ended) or revision[0] <= ended):
             record = record | {"end_time": revision[1]}
         elif self._is_later(ended):
-            # what ended without a revision had been open
+            # a row that ended without a revision had been open
             record = record | {"end_time": OPEN}
         if self._is_later(ended):
             record = record | {"ended_tx": None, "end_cause": None}
         if self._is_later(record["retired_tx"]):
             record = record | {"retired_tx": None}
         if table == "functions" and record["initial_time"] > self._time and record["retired_tx"] is None:
-            # rates ahead are derived anew: by the target of a push, or by who asks an archive for what is expected
+            # rates ahead are derived anew: by the target of a push, or by a question to an archive about the future
             record = record | {"rate": record["own_rate"]}
         return record
 

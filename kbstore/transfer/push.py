@@ -1,9 +1,9 @@
-"""A knowledge base continued in another store, transaction by transaction: from the robot's file to a fleet's server.
+"""Continues a knowledge base in another store, transaction by transaction: from the robot's file to a fleet's server.
 
-A push asks the target where it stands, reads what came after that from one snapshot of the source, and writes it in one
-transaction of the target, under the lock of its head, which must still be where it was. Nothing is remembered
-elsewhere, so whatever is interrupted is done again: each transaction arrives exactly once. The random tokens of
-transactions prove that what the target has is the beginning of what the source has.
+A push reads the head of the target, reads the transactions after it from one snapshot of the source, and writes them in
+one transaction of the target, under the lock of its head, which must not have moved. Nothing is stored elsewhere, so an
+interrupted push is simply repeated, and each transaction arrives exactly once. The random tokens of transactions prove
+that the target has the beginning of the source's record.
 """
 
 import os
@@ -30,13 +30,13 @@ from kbstore.transfer.rows import Progress, RowTarget, Store, is_archive, opened
 from kbstore.writing.derived_rates import derive_rates
 
 CHUNK = 10_000
-"""About how many changed timelines are pushed at once; one transaction is never divided."""
+"""About how many changed timelines are pushed at once; a transaction is never divided."""
 
 _POLL = 0.1
 """Seconds between two looks at the source by a push that follows it."""
 
 _LONGEST_PAUSE = 30.0
-"""Seconds between two tries to reach a target."""
+"""The most seconds between two tries to reach a target."""
 
 _NOWHERE = Head(0, 0, 0, 0, 0, 0, 0, 0, 0, None)
 
@@ -47,8 +47,8 @@ class Pushed(Result):
 
     Attributes:
         name: the knowledge base, by its name in the target.
-        number: the transaction up to which the target has it.
-        transactions: how many of them were pushed.
+        number: the last transaction that the target has.
+        transactions: how many were pushed.
         rows: how many rows were written for them.
     """
 
@@ -59,7 +59,7 @@ class Pushed(Result):
 
 
 class Push:
-    """Continues one knowledge base in a target; `close`, which any thread may call, ends what follows."""
+    """Continues one knowledge base in a target; `close`, which any thread may call, ends it."""
 
     def __init__(self, reader: Reader, target: Database, name: str, progress: Progress | None) -> None:
         self._reader = reader
@@ -78,7 +78,7 @@ class Push:
         self._closed.set()
 
     def catch_up(self) -> Pushed:
-        """Push what the target has not got yet."""
+        """Push what the target lacks."""
         while not self._closed.is_set() and self._advance():
             pass
         return Pushed(self._name, self._number, self._transactions, self._rows)
@@ -110,8 +110,8 @@ class Push:
         return head.number, head.token
 
     def _advance(self) -> bool:
-        """Push the next part; whether there may be more."""
-        before = self._stands()
+        """Push the next part, and return whether there may be more."""
+        before = self._target_head()
         with self._reader.database.read() as session:
             session.be_patient()
             head = Repository(session, self._reader.kb, self._reader.memory).head()
@@ -119,7 +119,7 @@ class Push:
             self._number = before.number
             span = _next(session, self._reader.kb, head, before)
             if span is None:
-                self._tell(head)
+                self._report(head)
                 return False
             delta = Delta(session, self._reader.name, span)
             with self._target.begin() as there:
@@ -135,18 +135,18 @@ class Push:
         self._number = after.number
         self._transactions += after.number - before.number
         self._rows += delta.rows
-        self._tell(head)
+        self._report(head)
         LOG.info("pushed %s up to transaction %d to %s", self._name, after.number, self._place)
         return not delta.is_latest
 
-    def _tell(self, head: Head) -> None:
+    def _report(self, head: Head) -> None:
         if self._progress is not None:
             self._progress(self._number, head.number)
 
     # -- what is refused --------------------------------------------------------------------------------------
 
-    def _stands(self) -> Head:
-        """Return the head of the target."""
+    def _target_head(self) -> Head:
+        """Return the head of the target. Raises `InvalidKnowledge` if its `use_unknowns` differs."""
         with self._target.read() as session:
             found = directory.find(session, self._name)
             if found is None:
@@ -159,7 +159,7 @@ class Push:
             return Repository(session, found.kb, StoreMemory()).head()
 
     def _refuse(self, session: StoreConnection, head: Head, there: Head) -> None:
-        """Raise unless what the target has is the beginning of what the source has."""
+        """Raise an error unless the target has the beginning of the source's record."""
         name, both = self._name, f"it is at transaction {there.number}, {self._source} at {head.number}"
         if not there.number:
             return
@@ -197,21 +197,21 @@ class Push:
 
 
 def _next(session: StoreConnection, kb: int, head: Head, before: Head) -> Span | None:
-    """The next transactions to be pushed; None if there are none."""
+    """Return the next transactions to be pushed; None if there are none."""
     number, moment, size = before.number, before.time, 0
     for following, time, changes in session.all(sizes, {"kb": kb, "after": before.number, "most": CHUNK}):
-        # of a store that has archived its history, no state before that is known
+        # in a store that has archived its history, no state before that is known
         if size and size + changes > CHUNK and moment >= head.history_from:
             break
         number, moment, size = following, time, size + changes
     if moment < head.history_from:
         number, moment = head.number, head.time
-    # an empty one is pushed, too: the copy is not to be written to
+    # an empty knowledge base is pushed, too, so that its copy is marked as one, and refuses other writers
     return None if number == before.number and before.source is not None else Span(before, number, moment)
 
 
 def shown(database: Database) -> str:
-    """The name of a store for people: its URL without the password, and of a file the machine that it is on."""
+    """Return the name of a store for people: its URL without the password, and for a file also the machine."""
     url = database.engine.url
     if url.get_backend_name() == "sqlite" and url.database and url.database != ":memory:":
         url = url.set(database=os.path.abspath(url.database))
@@ -221,7 +221,7 @@ def shown(database: Database) -> str:
 
 @contextmanager
 def pushing(reader: Reader, url: Store, name: str | None, progress: Progress | None) -> Iterator[Push]:
-    """A push of a knowledge base into a store, for a while; an empty database is set up."""
+    """Open a push of a knowledge base into a store; an empty database is set up."""
     if reader.resolver.is_archive:
         raise InvalidKnowledge(f"{reader.name} is an archive here, and not continued elsewhere; push its store")
     with opened(url, writing=True) as target:
@@ -231,9 +231,9 @@ def pushing(reader: Reader, url: Store, name: str | None, progress: Progress | N
 
 
 def adopt(url: Store, name: str) -> str:
-    """Make the copy of a knowledge base that pushes have written an original, which is written to like any other.
+    """Turn the copy that pushes have written into an original, which is written to like any other.
 
-    Later pushes to it are refused. Returns what it was a copy of.
+    Later pushes to it are refused. Returns the name of its former original.
     """
     with opened(url, writing=True) as database, database.begin() as session:
         found = directory.find(session, name)

@@ -1,7 +1,7 @@
 """The SQL statements that carry a whole knowledge base from one store to another, and that delete what was archived.
 
 They are made from `kbstore.storage.tables`, so that no column can be forgotten. A row has the same key in every store;
-only the number of the knowledge base, and what is derived from other columns, do not travel.
+only the number of the knowledge base, and columns that are derived from others, are not copied.
 """
 
 from typing import Any, Final, NamedTuple
@@ -14,11 +14,11 @@ from kbstore.storage.assertion_queries import HEAD_COLUMNS
 from kbstore.storage.statements import KB, Batch, Statement, among, constant, insert, parameter, vacuum
 
 _DERIVED: Final = ("level", "node")
-"""Columns that say where the interval trees keep a row."""
+"""Columns for the place of a row in an interval tree."""
 
 
 class TransferColumn(NamedTuple):
-    """A column that travels."""
+    """A column that is copied."""
 
     name: str
     type: type
@@ -30,10 +30,10 @@ class TableQueries:
     """The statements for one table."""
 
     def __init__(self, table: Table, *chosen: Any, replacing: tuple[str, ...] = ()) -> None:
-        """`chosen` says which rows are read, and `replacing` which columns of a row that is there already are written.
+        """Make the statements; `chosen` are conditions for the rows to read.
 
-        Rows are read in the order of the key, so that nothing is sorted. `rows` are all of the knowledge base; `upto`
-        counts those up to a key.
+        A row whose key is there already is updated in the columns `replacing`. Rows are read in the order of the key,
+        so that nothing is sorted. `rows` selects all rows of the knowledge base; `upto` counts those up to a key.
         """
         self.table = table.name
         self.columns = tuple(
@@ -74,12 +74,12 @@ def _python_type(kind: object) -> type:
 
 
 def _largest(kind: object) -> int:
-    """The largest number that a column of PostgreSQL's holds."""
+    """Return the largest number that a column holds on PostgreSQL."""
     return 2**15 - 1 if isinstance(kind, SmallInteger) else 2**63 - 1 if isinstance(kind, BigInteger) else 2**31 - 1
 
 
 def _changing(table: Table) -> tuple[str, ...]:
-    """The columns of a table that are not its key."""
+    """Return the columns of a table that are not part of its key."""
     return tuple(column.name for column in table.columns if not column.primary_key)
 
 
@@ -88,7 +88,7 @@ def _until(column: Any) -> Any:
 
 
 def _unarchived(table: Table) -> Any:
-    """Rows that an archive which ends right before :since, after the transaction :gone, does not have as they are."""
+    """Return the condition that an archive up to the time :since and the transaction :gone lacks a row as it is now."""
     known = or_(table.c.end_time >= parameter("since"), table.c.recorded_tx > parameter("gone"))
     if table is tables.runs:
         return known
@@ -126,7 +126,7 @@ by_table: dict[str, TableQueries] = {
 """The tables in the order in which they are written: each row after those that it refers to."""
 
 HEAD: Final = tuple(name for name in HEAD_COLUMNS if name != "source")
-"""The columns of the head that are true of a copy, too."""
+"""The columns of the head that a copy has, too."""
 
 last_transaction = Statement(
     select(_transactions.token, _transactions.last_timeline)
@@ -134,7 +134,7 @@ last_transaction = Statement(
     .order_by(_transactions.number.desc())
     .limit(constant(1))
 )
-"""The token of the last transaction up to :upto, and the last timeline that there was then."""
+"""The token of the last transaction up to :upto, and the last timeline then."""
 
 revisions_after = Statement(
     select(_revisions.recorded_tx, _revisions.seq, _revisions.tx, _revisions.what, _revisions.end_before)
@@ -159,7 +159,7 @@ delete_ended_runs = Statement(tables.runs.delete().where(_ended_runs))
 
 
 def _ended(table: Table) -> Any:
-    """Rows that ended before :t, and have not been changed by a transaction after :upto."""
+    """Return the condition that a row ended before :t, and was not changed by a transaction after :upto."""
     columns = table.c
     return and_(
         columns.kb_id == KB,
@@ -177,7 +177,7 @@ def _delete_ended(table: Table) -> Statement:
 
 
 delete_ended = tuple(_delete_ended(table) for table in tables.assertion_tables.values())
-"""At most :most rows of each table that the transactions after :after and up to :last recorded, and that ended."""
+"""Deletes at most :most ended rows of each table that the transactions after :after and up to :last recorded."""
 
 count_ended = (
     *(
@@ -198,7 +198,7 @@ delete_side_rows = (
 
 
 def _referred(table: Table) -> Any:
-    """The transactions up to :upto that rows name otherwise than as the one that recorded them."""
+    """Select the transactions up to :upto to which rows refer, other than those that recorded them."""
     columns = table.c
     late = select(columns.told_tx).select_from(
         tables.transactions.join(
@@ -237,7 +237,7 @@ def _delete_transactions() -> Any:
 
 
 delete_transactions = Statement(_delete_transactions())
-"""The transactions after :after and up to :last that nothing refers to any more."""
+"""Deletes the transactions after :after and up to :last that nothing refers to any more."""
 
 _vacuumed = (*tables.assertion_tables.values(), tables.transactions, tables.schedules, tables.revisions, tables.runs)
 
@@ -245,7 +245,7 @@ reclaim = {
     "sqlite": (Statement(sa.text("VACUUM")), Statement(sa.text("PRAGMA wal_checkpoint(TRUNCATE)"))),
     "postgresql": (Statement(vacuum(*_vacuumed)),),
 }
-"""Gives the space of deleted rows back: to the file system on SQLite, to the tables on PostgreSQL."""
+"""Frees the space of deleted rows: for the file system on SQLite, for the tables on PostgreSQL."""
 
 ARCHIVE: Final = int.from_bytes(b"kbar")
 """The number in an SQLite file's header that marks it as an archive."""

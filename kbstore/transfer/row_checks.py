@@ -1,7 +1,7 @@
-"""Checks of a line of an export, on its own and after the lines before it.
+"""Checks a line of an export on its own, and against the lines before it.
 
-Rows come in the order of their keys, refer only to what earlier lines have, and fit what the first line says of the
-whole. What takes other rows to judge is judged in `kbstore.transfer.consistency` and `kbstore.transfer.content`.
+Rows are in the order of their keys, refer only to earlier lines, and fit the first line's description of the whole.
+Checks that need other rows are in `kbstore.transfer.consistency` and `kbstore.transfer.content`.
 """
 
 import json
@@ -41,7 +41,7 @@ class RowChecks:
     """Checks the rows of one file in their order. `refuse` raises, with the end of a sentence about the line.
 
     Attributes:
-        gone: the last transaction of which the history may have been archived.
+        gone: the last transaction whose history may have been archived.
     """
 
     def __init__(self, head: Mapping[str, int], rows: Mapping[str, int], refuse: Callable[[str], NoReturn]) -> None:
@@ -51,14 +51,14 @@ class RowChecks:
         self._last_late = 0
         self._before: Record = {}
         self._table = ""
-        # what rows refer to: a byte a timeline, 8 a transaction
+        # the targets of references: a byte for each timeline, 8 for each transaction
         self._kinds = array("b")
         self._transactions = array("q")
         self.gone = head["last_number"] if head["history_from"] else 0
         self._check_head(rows)
 
     def check(self, table: str, line: Mapping[str, Any]) -> Record:
-        """The row of a line, if it can be one of a table."""
+        """Return the row of a line, if it can be one of a table."""
         queries = by_table[table]
         record = {column.name: self._value(column, line.get(column.name)) for column in queries.columns}
         if self._table != table:
@@ -83,7 +83,7 @@ class RowChecks:
         return record
 
     def end(self) -> None:
-        """Check the lines against what the first line announces."""
+        """Check the lines against the first line."""
         head = self._head
         number, time, timeline = (head[name] for name in ("last_number", "last_time", "last_timeline"))
         last = self._transactions[-1] if self._transactions else 0
@@ -126,11 +126,11 @@ class RowChecks:
         head = self._head
         present = sum(1 << kind for table, kind in _KINDS.items() if rows[table])
         present |= PRESENT_SCHEDULES if rows["schedules"] else 0
-        # what was there once, and is archived, counts
+        # knowledge types that were there once, and are archived, count
         if present & ~head["present"] or head["present"] >= 2 * PRESENT_SCHEDULES:
             self._refuse(f"has {head['present']} as present, where {present} follows from the numbers of rows")
         if not head["last_number"] and (any(rows.values()) or any(head.values())):
-            self._refuse("is of a knowledge base without transactions, and says that there is something in it")
+            self._refuse("is of a knowledge base without transactions, but announces rows")
         if head["last_late"] > head["last_number"]:
             self._refuse("has a last_late after last_number")
 
@@ -202,12 +202,12 @@ class RowChecks:
 
 
 def is_text(value: object) -> bool:
-    """Return whether it is text that every database takes: no halves of characters, no NUL."""
+    """Return whether a value is text that every database takes: no halves of characters, no NUL."""
     return type(value) is str and unstorable(value) is None
 
 
 def is_list_of_texts(text: str) -> bool:
-    """Return whether it is JSON of a list of texts."""
+    """Return whether a text is a list of texts in JSON."""
     try:
         found = json.loads(text)
     except (ValueError, RecursionError):

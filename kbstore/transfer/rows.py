@@ -1,4 +1,4 @@
-"""Whole knowledge bases, row by row: out of one store and into another, on either engine, in flat memory."""
+"""Copies whole knowledge bases row by row between stores, on either engine, in constant memory."""
 
 import os
 import sqlite3
@@ -38,10 +38,10 @@ BATCH = 2000
 
 
 class Part(NamedTuple):
-    """A part of a knowledge base: what transactions after one and up to another recorded.
+    """A part of a knowledge base: the rows that transactions after one and up to another recorded.
 
-    Left out is what had ended before `since`, unless it was recorded or retired after the last transaction before that
-    time: what is there is in the archive that ends at that time.
+    Rows that had ended before `since` are left out, as the archive that ends at that time has them, unless they were
+    recorded or retired after the last transaction before that time.
     """
 
     after: int = 0
@@ -72,7 +72,7 @@ class RowSource:
         self.kb = found.kb
         self.repository = Repository(connection, found.kb, StoreMemory())
         self.head = self.repository.head()
-        # what an archiving that was interrupted has yet to delete is not there any more
+        # rows that an interrupted archiving has yet to delete do not count
         since = max(part.since, self.head.history_from)
         self._chosen = {"kb": found.kb, **part._asdict(), "since": since}
         self._chosen["gone"] = self._last_before(since) if since else 0
@@ -85,7 +85,7 @@ class RowSource:
         return self.head.number if following is None else following - 1
 
     def counts(self) -> dict[str, int]:
-        """The number of rows of each table."""
+        """Count the rows of each table."""
         found = {}
         for name, statements in by_table.items():
             row = self._connection.first(statements.count, self._chosen)
@@ -93,9 +93,9 @@ class RowSource:
         return found
 
     def records(self, table: str, statement: Statement | None = None, **parameters: Any) -> Iterator[Record]:
-        """The rows of a table, in an order in which they can be written again; within a transaction.
+        """Read the rows of a table, within a transaction, in an order in which they can be written again.
 
-        With `statement`, those that it reads; `parameters` are its own.
+        With `statement`, these are the rows that it selects by its own `parameters`.
         """
         statements = by_table[table]
         names = [column.name for column in statements.columns]
@@ -110,8 +110,8 @@ class RowSource:
 class RowTarget:
     """Writes rows of one knowledge base, on a connection with a write transaction.
 
-    A new knowledge base is made if there is none of that name; `is_new` says so. Rows that are there already, by their
-    keys, are replaced as far as they can change.
+    The knowledge base is created if there is none of that name (`is_new`). Rows whose keys are there already are
+    replaced as far as they can change.
     """
 
     def __init__(self, connection: StoreConnection, name: str, *, use_unknowns: bool) -> None:
@@ -120,7 +120,7 @@ class RowTarget:
         self._connection = connection
 
     def add(self, table: str, records: Sequence[Record]) -> None:
-        """Write rows of a table; tables come in the order of `by_table`."""
+        """Write rows of a table; tables must be written in the order of `by_table`."""
         statement = by_table[table].add
         self._connection.many(statement, [self._row(statement.columns, record) for record in records])
 
@@ -156,14 +156,14 @@ def copy(source: RowSource, target: RowTarget, step: Callable[[int], None]) -> N
 
 
 def batches(records: Iterable[Record]) -> Iterator[list[Record]]:
-    """Rows in lists of at most `BATCH`."""
+    """Yield rows in lists of at most `BATCH`."""
     rows = iter(records)
     while batch := list(islice(rows, BATCH)):
         yield batch
 
 
 class Steps:
-    """Counts what is done, and calls back with it."""
+    """Adds up progress, and reports it to a callback."""
 
     def __init__(self, progress: Progress | None, total: int) -> None:
         self._progress = progress
@@ -171,7 +171,7 @@ class Steps:
         self._done = 0
 
     def __call__(self, more: int) -> None:
-        """So much more is done."""
+        """Add `more`, and report."""
         self._done += more
         if self._progress is not None:
             self._progress(self._done, self._total)
@@ -179,8 +179,8 @@ class Steps:
 
 @contextmanager
 def opened(url: Store, *, writing: bool = False) -> Iterator[Database]:
-    """A store for a while: to be read, or to be written to and set up where it is empty."""
-    # of an engine of the caller's, a connection may be shared, and stays as it is
+    """Open a store to be read, or to be written to; then an empty one is set up."""
+    # a connection of the caller's engine may be shared, and its settings stay as they are
     database = Database(url, read_only=not writing and not isinstance(url, Engine))
     try:
         with database.wrap_errors():
@@ -195,7 +195,10 @@ def opened(url: Store, *, writing: bool = False) -> Iterator[Database]:
 
 @contextmanager
 def new_file(path: Path) -> Iterator[Path]:
-    """Yield a path to write to that becomes the file `path`: whole and on the disk, or not there at all."""
+    """Yield a path to write to, which becomes the file `path` when it is complete and on the disk, or not at all.
+
+    Raises `InvalidKnowledge` if the file exists, `StoreUnavailable` if it cannot be written.
+    """
     if path.exists():
         raise InvalidKnowledge(f"{path} exists, and is not overwritten; remove it, or give another name")
     partial = path.with_name(f"{path.name}.{os.getpid()}.partial")
@@ -216,7 +219,7 @@ def new_file(path: Path) -> Iterator[Path]:
 
 
 def sync_directory(path: Path) -> None:
-    """Make sure that a new file is found after a loss of power."""
+    """Sync the directory of a new file, so that it is found after a loss of power."""
     if os.name == "posix":
         directory = os.open(path.parent, os.O_RDONLY)
         try:
@@ -226,7 +229,7 @@ def sync_directory(path: Path) -> None:
 
 
 def make_archive(path: Path) -> None:
-    """Make a file that does not exist, or is empty, one into which history can be archived."""
+    """Mark a file that does not exist, or is empty, as an archive."""
     try:
         with closing(sqlite3.connect(path)) as connection:
             connection.execute(mark_archive.sqlite)
@@ -235,7 +238,7 @@ def make_archive(path: Path) -> None:
 
 
 def is_archive(database: Database) -> bool:
-    """Return whether a store is a file into which history was archived: it ends, and nothing is written to it."""
+    """Return whether a store is an archive, which ends at a time, and is not written to."""
     if database.dialect != "sqlite":
         return False
     return database.first(application_id, {}) == (ARCHIVE,)

@@ -1,7 +1,7 @@
-"""A scratch file, in which the rows of an import wait until all of them have been judged.
+"""Scratch files, in which the rows of an import wait until all of them have been checked.
 
-It has the tables of a store with their keys, but no other constraint: what contradicts itself is to be found, and told
-with its line.
+A scratch file has the tables of a store with their keys, but no other constraints, so that a contradiction can be
+reported with its line.
 """
 
 import sqlite3
@@ -29,10 +29,10 @@ _UNSAFE = "PRAGMA journal_mode = OFF; PRAGMA synchronous = OFF; PRAGMA foreign_k
 
 
 class Scratch:
-    """The rows of one knowledge base, and how many lines of the file come before those of each table.
+    """The rows of one knowledge base; it knows how many lines of the file are before those of each table.
 
     Attributes:
-        connection: where they can be read.
+        connection: the connection on which the rows can be read.
     """
 
     def __init__(self, connection: SqliteConnection, counts: Mapping[str, int], *, use_unknowns: bool) -> None:
@@ -50,21 +50,21 @@ class Scratch:
         self._target.add(table, records)
 
     def finish(self, head: Head) -> None:
-        """All rows have been written."""
+        """Write the head and create indexes, after all rows have been written."""
         self._target.put_head(head)
         for index in _INDEXES:
             self.connection.driver.execute(index)
 
     def source(self) -> RowSource:
-        """All that there is, to be copied."""
+        """Return a source of all rows, to be copied."""
         return RowSource(self.connection, _NAME)
 
     def rows(self, statement: Statement, **parameters: Any) -> Iterator[SqlRow]:
-        """The rows of a question about the knowledge base, one after another."""
+        """Yield the rows that a statement selects of the knowledge base."""
         return self.connection.stream(statement, {"kb": self.kb, **parameters})
 
     def line(self, table: str, *key: Any) -> int:
-        """The line of the file that has the row with a key: rows come in the order of their keys."""
+        """Return the line of the file that has the row with a key, as rows are in the order of their keys."""
         parameters = {f"key{place}": part for place, part in enumerate(key)}
         [(count,)] = self.rows(by_table[table].upto, **parameters)
         return self._before[table] + int(count)
@@ -81,7 +81,7 @@ _INDEXES = (
 
 @contextmanager
 def scratch(counts: Mapping[str, int], *, use_unknowns: bool) -> Iterator[Scratch]:
-    """A scratch file for a while, where temporary files are kept (TMPDIR)."""
+    """Open a scratch file among the temporary files (TMPDIR), and remove it afterwards."""
     with TemporaryDirectory(prefix="kbstore-import-", ignore_cleanup_errors=True) as directory:
         path = Path(directory) / "rows.db"
         options = Options(f"{path} (a temporary file: TMPDIR)", busy_timeout=0, durability="normal", read_only=False)

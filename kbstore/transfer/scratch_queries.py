@@ -38,7 +38,7 @@ def _mentioned() -> Any:
 
 
 mentioned = Statement(_mentioned())
-"""The keys of the objects that :timeline is said to mention."""
+"""The keys of the objects that :timeline mentions, by the lines of mentions."""
 
 
 def _assertions(table: Table) -> Statement:
@@ -60,7 +60,7 @@ def _emptied(table: Table) -> Statement:
 
 
 assertions = {kind: _assertions(table) for kind, table in tables.assertion_tables.items()}
-"""The rows of :timeline, by time."""
+"""The rows of :timeline, in the order of time."""
 
 emptied = {kind: _emptied(table) for kind, table in tables.assertion_tables.items()}
 """The times at which something on :timeline ended as it began."""
