@@ -90,7 +90,7 @@ class _Archiving:
         if self._before > head.time:
             raise InvalidTime(
                 f"{isoformat(self._before)} is after the latest transaction of {self._reader.name}, of "
-                f"{isoformat(head.time)}; only the past can be archived: give that time at the latest"
+                f"{isoformat(head.time)}; the future cannot be archived: give that time at the latest"
             )
 
     def _refuse_gone(self, head: Head) -> None:
