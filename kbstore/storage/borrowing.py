@@ -10,6 +10,7 @@ from kbstore.errors import StoreUnavailable
 from kbstore.storage.connection import Options, StoreConnection
 from kbstore.storage.driver_errors import sqlite_code
 from kbstore.storage.postgresql_connection import PostgresqlConnection
+from kbstore.storage.server_engine import lend, take_back
 from kbstore.storage.sqlite_connection import SqliteConnection
 
 _LOCK = "UPDATE knowledge_bases SET name = name WHERE false"
@@ -33,9 +34,14 @@ def savepoint(connection: sa.Connection, options: Options, database: object) -> 
             f"the connection is to another database than {options.store}; give one of an engine on that, or open "
             "the knowledge base with the connection's engine"
         )
-    with connection.begin_nested():
-        found.in_transaction = True
-        yield found
+    lent = not found.is_local and lend(connection, None)
+    try:
+        with connection.begin_nested():
+            found.in_transaction = True
+            yield found
+    finally:
+        if lent:
+            take_back(driver)
 
 
 def _sqlite(driver: Any, options: Options) -> StoreConnection:

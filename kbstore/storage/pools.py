@@ -6,7 +6,7 @@ import weakref
 from abc import abstractmethod
 from typing import Any, ClassVar
 
-from sqlalchemy import Engine, event
+from sqlalchemy import Connection, Engine, event
 from sqlalchemy.engine import URL
 from sqlalchemy.exc import DBAPIError
 from sqlalchemy.exc import TimeoutError as PoolTimeout
@@ -22,10 +22,10 @@ from kbstore.storage.postgresql_connection import PostgresqlConnection
 from kbstore.storage.server_engine import (
     answer_timeout,
     connect_timeout,
-    lend_patience,
+    lend,
     pool_size,
     refuse_bytes,
-    take_patience_back,
+    take_back,
 )
 from kbstore.storage.sqlite_connection import SqliteConnection
 from kbstore.storage.statement_events import ObservedDriver, is_observed
@@ -262,7 +262,7 @@ class LentConnections(PooledConnections):
             except (DBAPIError, PoolTimeout) as error:
                 raise self.failure(error) from error
             driver: Any = handle.connection.driver_connection
-            connection = self._sqlite(driver) if self._is_sqlite else self._postgresql(driver)
+            connection = self._sqlite(driver) if self._is_sqlite else self._postgresql(driver, handle)
             connection.handle = handle
             connection.lock = lock
             if connection.is_alive():
@@ -294,9 +294,15 @@ class LentConnections(PooledConnections):
     def _sqlite(self, driver: Any) -> StoreConnection:
         return SqliteConnection(driver, self._options, lent=True, path=os.path.abspath(self.engine.url.database or ""))
 
-    def _postgresql(self, driver: Any) -> StoreConnection:
-        lend_patience(driver, answer_timeout(self.engine.url, self._options.busy_timeout))
-        return PostgresqlConnection(driver, self._options, self.engine.dialect.loaded_dbapi.Error)
+    def _postgresql(self, driver: Any, handle: Connection) -> StoreConnection:
+        error_of_driver = self.engine.dialect.loaded_dbapi.Error
+        try:
+            lent = lend(handle, answer_timeout(self.engine.url, self._options.busy_timeout))
+        except error_of_driver as error:
+            handle.invalidate()
+            handle.close()
+            raise self.failure(error) from error
+        return PostgresqlConnection(driver, self._options, error_of_driver, lent=lent)
 
     def _prepare(self, connection: SqliteConnection) -> None:
         connection.configure()
@@ -313,8 +319,8 @@ class LentConnections(PooledConnections):
     def _close(connection: StoreConnection) -> None:
         if isinstance(connection, SqliteConnection) and not connection.is_lost:
             connection.restore()
-        if isinstance(connection, PostgresqlConnection):
-            take_patience_back(connection.driver)
+        if isinstance(connection, PostgresqlConnection) and connection.lent:
+            take_back(connection.driver)
         if connection.is_lost:
             connection.handle.invalidate()
         connection.handle.close()

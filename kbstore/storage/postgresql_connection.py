@@ -36,9 +36,15 @@ class PostgresqlConnection(StoreConnection):
 
     is_local = False
 
-    def __init__(self, driver: Any, options: Options, error: type[Exception], *, borrowed: bool = False) -> None:
-        """`error` is the root of the driver's errors; `borrowed` says that the caller ends the transaction."""
+    def __init__(
+        self, driver: Any, options: Options, error: type[Exception], *, borrowed: bool = False, lent: bool = False
+    ) -> None:
+        """`error` is the root of the driver's errors; `borrowed` says that the caller ends the transaction.
+
+        `lent` says that the driver is to be taken back (`kbstore.storage.server_engine.lend`).
+        """
         super().__init__(driver, options, error, _plain)
+        self.lent = lent
         self._borrowed = borrowed
         self._is_waiting = False
         """Whether a transaction is begun with the next statement."""
@@ -55,7 +61,7 @@ class PostgresqlConnection(StoreConnection):
         self._text = _plain if schema is None else lambda statement: statement.in_schema(schema)
 
     def _wait(self, seconds: float | None) -> None:
-        """Give up when the server has said nothing for so long; in a transaction of the caller's that is not done."""
+        """Give up when the server has said nothing for so long; in a transaction of the caller's, never."""
         if self._patience is not None:
             self.driver.answer_timeout = seconds
 

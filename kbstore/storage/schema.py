@@ -27,7 +27,7 @@ from kbstore.storage import schema_objects, tables
 from kbstore.storage.connection import LOG
 from kbstore.storage.engine import BUSY_TIMEOUT, make_engine, parsed_url, refuse_schema, schema_of
 from kbstore.storage.schema_objects import VERSION_TABLE, VIEWS
-from kbstore.storage.server_engine import answer_timeout, lend_patience, take_patience_back
+from kbstore.storage.server_engine import answer_timeout, lend, take_back
 from kbstore.storage.sqlite_files import file_of, refuse_half, way_out
 from kbstore.storage.statement_events import begin_quietly
 
@@ -171,14 +171,13 @@ def connecting(engine: sa.Engine, *, existing: bool = False) -> Iterator[sa.Conn
         if not engine.dialect.detect_autocommit_setting(driver):
             connection.execution_options(isolation_level="AUTOCOMMIT")
         is_server = engine.dialect.name == "postgresql"
-        if is_server:
-            lend_patience(driver, answer_timeout(engine.url, BUSY_TIMEOUT))
+        lent = is_server and lend(connection, answer_timeout(engine.url, BUSY_TIMEOUT))
         try:
             begin_quietly(connection)
             yield connection
         finally:
-            if is_server:
-                take_patience_back(driver)
+            if lent:
+                take_back(driver)
 
 
 # -- what a database has ------------------------------------------------------------------------------------------

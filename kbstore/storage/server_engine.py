@@ -8,12 +8,16 @@ parameter              default    what
                                   default follows `busy_timeout`, and is 5 s at least; ``none`` waits for ever
 ``schema``             none       the schema in which the tables are, as in ``kbstore.open(schema=...)``
 ``notifications``      false      whether answers about now are remembered, as in ``kbstore.open(notifications=True)``
-``prepare_threshold``  5          executions after which psycopg prepares a statement; ``none`` is for poolers
+``prepare_threshold``  5          executions after which psycopg prepares a statement; ``none`` prepares nothing, which
+                                  is the default behind a pooler
 =====================  =========  ============================================================================
 
 A server that is stopped, or behind a firewall that drops packets, never answers, and the network stack may wait for
 hours. TCP keepalives and ``tcp_user_timeout`` find a host that is gone; a process that is stopped on a host that is
 not is found only by a deadline that the client keeps itself.
+
+Prepared statements belong to a session. A pooler that gives each transaction another session may run what another
+client has prepared under the same name, which is another statement.
 """
 
 import time
@@ -21,7 +25,7 @@ from collections.abc import Generator
 from functools import cache
 from typing import Any
 
-from sqlalchemy import Engine, create_engine, event
+from sqlalchemy import Connection, Engine, create_engine, event
 from sqlalchemy.engine import URL
 from sqlalchemy.pool import NullPool
 
@@ -29,6 +33,9 @@ from kbstore.errors import StoreUnavailable
 
 _POOL_SIZE = 15
 _LEAST_PATIENCE = 5.0
+_POOLED = "kbstore_is_pooled"
+"""The key of a connection's `info` under which that is known while it lasts."""
+
 _OWN = ("answer_timeout", "notifications", "pool_size", "prepare_threshold", "schema")
 
 
@@ -51,12 +58,22 @@ def server_engine(url: URL, busy_timeout: float) -> Engine:
         connection.answer_timeout = patience
         try:
             refuse_bytes(connection, engine.url.render_as_string(hide_password=True))
-        except StoreUnavailable:
+            if "prepare_threshold" not in url.query:
+                connection.autocommit = True
+                connection.prepare_threshold = None if _is_pooled(connection) else connection.prepare_threshold
+                connection.autocommit = False
+        except BaseException:
             connection.close()
             raise
         return connection
 
     return engine
+
+
+def _is_pooled(driver: Any) -> bool:
+    """Return whether a pooler is between: the session that answers is not the one that greeted."""
+    (pid,) = driver.execute("SELECT pg_backend_pid()", prepare=False).fetchone()
+    return bool(pid != driver.info.backend_pid)
 
 
 def refuse_bytes(driver: Any, store: str) -> None:
@@ -104,20 +121,32 @@ def _number(url: URL, name: str, least: int, *, or_none: bool = True) -> int | N
     raise StoreUnavailable(f"{name}={text} in the URL of a store: it is {expected}")
 
 
-def lend_patience(driver: Any, seconds: float | None) -> None:
-    """Give a psycopg connection of the caller's the deadline that kbstore's own have, until `take_patience_back`."""
+def lend(connection: Connection, seconds: float | None) -> bool:
+    """Have a connection of the caller's wait and prepare as kbstore's own do, until `take_back`.
+
+    `seconds` is the deadline, None for none. Returns whether that has been done now, and is to be taken back.
+    """
+    driver: Any = connection.connection.driver_connection
 
     def wait(gen: Any, *arguments: Any, **named: Any) -> Any:
         return type(driver).wait(driver, _watched(driver, gen), *arguments, **named)
 
-    if not hasattr(driver, "answer_timeout"):
-        driver.answer_timeout, driver.wait = seconds, wait
+    if hasattr(driver, "answer_timeout"):
+        return False
+    driver.answer_timeout, driver.wait, driver.lent_threshold = seconds, wait, driver.prepare_threshold
+    if driver.prepare_threshold is not None:
+        pooled = connection.info.get(_POOLED)
+        if pooled is None:
+            pooled = connection.info[_POOLED] = _is_pooled(driver)
+        if pooled:
+            driver.prepare_threshold = None
+    return True
 
 
-def take_patience_back(driver: Any) -> None:
-    """Leave a connection of the caller's as it was before `lend_patience`."""
-    if vars(driver).pop("wait", None) is not None:
-        del driver.answer_timeout
+def take_back(driver: Any) -> None:
+    """Leave a connection of the caller's as it was before `lend`."""
+    driver.prepare_threshold = driver.lent_threshold
+    del driver.answer_timeout, driver.wait, driver.lent_threshold
 
 
 def _watched(driver: Any, gen: Any) -> Generator[Any, Any, Any]:

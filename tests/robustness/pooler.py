@@ -11,6 +11,7 @@ import sqlalchemy as sa
 _SSL_REQUEST = 80877103
 _GSS_REQUEST = 80877104
 _IDLE = b"I"
+_PID = 1 << 30
 
 
 class Server:
@@ -25,6 +26,9 @@ class Server:
         while True:
             kind, message = read(self.socket)
             assert kind != b"E", message
+            if kind == b"K":
+                # of the session that clients believe to have; as PgBouncer does, no number of the server's is told
+                message = message[:5] + struct.pack("!I", _PID) + message[9:]
             self.greeting += message
             if kind == b"Z":
                 break

@@ -122,6 +122,35 @@ def test_an_engine_of_the_callers_through_a_pooler(pooled_url):
     engine.dispose()
 
 
+def test_nothing_is_prepared_behind_a_pooler(pooled_url):
+    """What is prepared under a name may be another client's there; it is noticed, by a URL and by an engine as it is.
+
+    A URL that says how often is obeyed, for poolers that know prepared statements.
+    """
+    url = sa.make_url(pooled_url).difference_update_query(["prepare_threshold"])
+    engine = sa.create_engine(url)
+    with (
+        kbstore.open(url, "pooled") as kb,
+        kbstore.open(engine, "pooled") as lent,
+        kbstore.open(engine, "other") as other,
+    ):
+        for number in range(12):
+            kb.add(f"(p a{number})", f"(= (n a{number}) {number})")
+            with engine.begin() as connection, other.transaction(connection=connection) as transaction:
+                transaction.add(f"(q a{number})")
+            for asked in (kb, lent):
+                assert asked.holds(f"(p a{number})")
+                assert not asked.holds(f"(q a{number})")
+                assert asked.value(f"(n a{number})") == number
+                assert len(asked.state().facts) == number + 1
+        assert len(other.find("(q ?x)")) == 12
+        with engine.connect() as connection:
+            assert connection.connection.driver_connection.prepare_threshold == 5
+    engine.dispose()
+    with kbstore.open(url.update_query_dict({"prepare_threshold": "7"})) as kb, kb._database.connect() as connection:
+        assert connection.driver.prepare_threshold == 7
+
+
 def test_a_day_behind_a_pooler(pooled_url):
     """Loading, many questions of each kind, history, export: nothing depends on the connection that came before."""
     with kbstore.open(pooled_url, "pooled") as kb, kbstore.open(pooled_url, "pooled") as other:
