@@ -38,6 +38,9 @@ SETTLED = 0.05
 HISTORY = 0.3
 """Seconds without another `Knowledge` after which the first one is the latest: who comes late gets older ones first."""
 
+LATEST = 1.0
+"""Seconds after which it is the latest in any case: they may keep coming."""
+
 AGAIN = 1.0
 """Seconds between two attempts to record, while the store cannot be reached."""
 
@@ -158,8 +161,10 @@ class Recorder:
             if not self._is_stopping and len(self._waiting) == 1 and self._waiting[0][0] == "notify":
                 # a Knowledge that follows has the news
                 self._ready.wait_for(lambda: len(self._waiting) > 1 or self._is_stopping, SETTLED)
+            end = time.monotonic() + LATEST
             while not self._is_stopping and not self._is_latest and self._waiting[0][0] == "knowledge":
-                self._is_latest = not self._ready.wait_for(self._is_newer(self._snapshots), HISTORY)
+                has_newer = self._ready.wait_for(self._is_newer(self._snapshots), HISTORY)
+                self._is_latest = not has_newer or time.monotonic() > end
             return None if self._is_stopping else self._waiting.popleft()
 
     def _put_back(self, entry: tuple[str, Any, int]) -> None:
