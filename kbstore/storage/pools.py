@@ -298,6 +298,9 @@ class LentConnections(PooledConnections):
         error_of_driver = self.engine.dialect.loaded_dbapi.Error
         try:
             lent = lend(handle, answer_timeout(self.engine.url, self._options.busy_timeout))
+        except StoreUnavailable:
+            handle.close()
+            raise
         except error_of_driver as error:
             handle.invalidate()
             handle.close()

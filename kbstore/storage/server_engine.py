@@ -36,12 +36,14 @@ _LEAST_PATIENCE = 5.0
 _POOLED = "kbstore_is_pooled"
 """The key of a connection's `info` under which that is known while it lasts."""
 
+_SESSION = "SELECT pg_backend_pid(), CAST(current_setting('extra_float_digits') AS int)"
+
 _OWN = ("answer_timeout", "notifications", "pool_size", "prepare_threshold", "schema")
 
 
 def server_engine(url: URL, busy_timeout: float) -> Engine:
     """An engine for a server, which pools nothing."""
-    arguments: dict[str, Any] = {"connect_timeout": connect_timeout(busy_timeout)}
+    arguments: dict[str, Any] = {"connect_timeout": connect_timeout(busy_timeout), "client_encoding": "utf8"}
     patience = answer_timeout(url, busy_timeout)
     if patience is not None:
         seconds = max(1, int(patience))
@@ -58,10 +60,10 @@ def server_engine(url: URL, busy_timeout: float) -> Engine:
         connection.answer_timeout = patience
         try:
             refuse_bytes(connection, engine.url.render_as_string(hide_password=True))
-            if "prepare_threshold" not in url.query:
-                connection.autocommit = True
-                connection.prepare_threshold = None if _is_pooled(connection) else connection.prepare_threshold
-                connection.autocommit = False
+            connection.autocommit = True
+            if _is_pooled(connection) and "prepare_threshold" not in url.query:
+                connection.prepare_threshold = None
+            connection.autocommit = False
         except BaseException:
             connection.close()
             raise
@@ -71,17 +73,30 @@ def server_engine(url: URL, busy_timeout: float) -> Engine:
 
 
 def _is_pooled(driver: Any) -> bool:
-    """Return whether a pooler is between: the session that answers is not the one that greeted."""
-    (pid,) = driver.execute("SELECT pg_backend_pid()", prepare=False).fetchone()
+    """Return whether a pooler is between: the session that answers is not the one that greeted.
+
+    Raises `StoreUnavailable` where the server rounds the numbers that it gives.
+    """
+    pid, digits = driver.execute(_SESSION, prepare=False).fetchone()
+    if digits < 1:
+        raise StoreUnavailable(
+            f"the database {driver.info.dbname} has extra_float_digits = {digits}, with which numbers come back "
+            f"rounded; set it to 1: ALTER DATABASE {driver.info.dbname} SET extra_float_digits = 1"
+        )
     return bool(pid != driver.info.backend_pid)
 
 
 def refuse_bytes(driver: Any, store: str) -> None:
-    """Raise for a database without an encoding; the server has said on connecting which it has."""
+    """Raise for a database without an encoding, or a connection with another one than UTF-8; the server has said so."""
     if driver.info.parameter_status("server_encoding") == "SQL_ASCII":
         raise StoreUnavailable(
             f"{store} has the encoding SQL_ASCII, in which text comes back as bytes; create a database for kbstore "
             "with ENCODING 'UTF8' (and TEMPLATE template0)"
+        )
+    if driver.info.encoding != "utf-8":
+        raise StoreUnavailable(
+            f"{store}: the connection has the encoding {driver.info.encoding}, in which not every text can be written; "
+            "connect with client_encoding=utf8"
         )
 
 
@@ -124,7 +139,8 @@ def _number(url: URL, name: str, least: int, *, or_none: bool = True) -> int | N
 def lend(connection: Connection, seconds: float | None) -> bool:
     """Have a connection of the caller's wait and prepare as kbstore's own do, until `take_back`.
 
-    `seconds` is the deadline, None for none. Returns whether that has been done now, and is to be taken back.
+    `seconds` is the deadline, None for none. Returns whether that has been done now, and is to be taken back. Raises
+    `StoreUnavailable` where the server rounds numbers, and the driver's errors.
     """
     driver: Any = connection.connection.driver_connection
 
@@ -134,12 +150,14 @@ def lend(connection: Connection, seconds: float | None) -> bool:
     if hasattr(driver, "answer_timeout"):
         return False
     driver.answer_timeout, driver.wait, driver.lent_threshold = seconds, wait, driver.prepare_threshold
-    if driver.prepare_threshold is not None:
-        pooled = connection.info.get(_POOLED)
-        if pooled is None:
-            pooled = connection.info[_POOLED] = _is_pooled(driver)
-        if pooled:
-            driver.prepare_threshold = None
+    try:
+        if _POOLED not in connection.info:
+            connection.info[_POOLED] = _is_pooled(driver)
+    except BaseException:
+        take_back(driver)
+        raise
+    if connection.info[_POOLED]:
+        driver.prepare_threshold = None
     return True
 
 

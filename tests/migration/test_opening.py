@@ -282,6 +282,32 @@ def test_a_schema_in_the_url(postgresql_url, tmp_path):
     engine.dispose()
 
 
+def test_a_database_that_rounds_numbers(empty_database):
+    """A server that says 0.3 where 0.1 + 0.2 is stored is refused, by a URL and on an engine, with what to do."""
+    engine = sa.create_engine(empty_database)
+    with kbstore.open(engine) as kb:
+        kb.add(f"(= (f) {0.1 + 0.2!r})")
+    with engine.begin() as connection:
+        connection.exec_driver_sql(f'ALTER DATABASE "{engine.url.database}" SET extra_float_digits = 0')
+    engine.dispose()
+    for place in (empty_database, engine):
+        with pytest.raises(StoreUnavailable, match=r"come back rounded; set it to 1: ALTER DATABASE"):
+            kbstore.open(place)
+    engine.dispose()
+
+
+def test_a_connection_with_another_encoding(empty_database, monkeypatch):
+    """Connections by a URL have UTF-8, whatever is set around them; an engine whose have another one is refused."""
+    monkeypatch.setenv("PGCLIENTENCODING", "LATIN1")
+    with kbstore.open(empty_database) as kb:
+        kb.add("(p)", note="雪")
+        assert [change.transaction.note for change in kb.changes()] == ["雪"]
+    engine = sa.create_engine(empty_database)
+    with pytest.raises(StoreUnavailable, match=r"iso8859-1.*client_encoding=utf8"):
+        kbstore.open(engine)
+    engine.dispose()
+
+
 def test_a_database_without_an_encoding(postgresql_url):
     """A database in SQL_ASCII, from which text comes back as bytes, is refused in a sentence."""
     admin = sa.create_engine(postgresql_url, isolation_level="AUTOCOMMIT")
