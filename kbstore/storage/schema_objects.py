@@ -92,12 +92,13 @@ _CATALOGUE = sa.text(
     WITH place AS (
       SELECT relnamespace FROM pg_class WHERE oid = to_regclass(:place)
     ), own AS (
-      SELECT c.oid, c.relname, c.relkind, c.relpersistence
+      SELECT c.oid, c.relname, c.relkind, c.relpersistence, c.relrowsecurity
       FROM pg_class c JOIN place p ON c.relnamespace = p.relnamespace
       WHERE c.relname = ANY(:names)
     )
     SELECT CASE WHEN relpersistence <> 'p' THEN 'unlogged ' ELSE '' END
       || CASE WHEN relkind IN ('r', 'p') THEN 'table ' WHEN relkind = 'v' THEN 'view ' ELSE 'relation ' END || relname
+      || CASE WHEN relrowsecurity AND row_security_active(oid) THEN ' of which this role sees some rows' ELSE '' END
     FROM own
     UNION ALL
     SELECT 'column ' || o.relname || '.' || a.attname || ' ' || format_type(a.atttypid, a.atttypmod)

@@ -70,6 +70,19 @@ def test_no_role_can_do_more(server):
             connection.execute(statement)
 
 
+def test_a_role_that_sees_some_rows_only(server):
+    """Row security on a table would make answers wrong for those to whom it applies, and is refused to them."""
+    owner, robot = (server[role] for role in ("kbstore_owner", "kbstore_robot"))
+    with kbstore.open(robot, "kenny", schema="kbstore") as kb:
+        kb.add("(open hall)")
+    with psycopg.connect(_driver(owner), autocommit=True) as connection:
+        connection.execute("ALTER TABLE kbstore.facts ENABLE ROW LEVEL SECURITY")
+    with pytest.raises(kbstore.SchemaUnknown, match="it has table facts of which this role sees some rows"):
+        kbstore.open(robot, "kenny", schema="kbstore")
+    with kbstore.open(owner, "kenny", schema="kbstore", read_only=True) as kb:
+        assert kb.holds("(open hall)")
+
+
 def test_every_table_is_distributed():
     """The statements for Citus name each table, distributed by the knowledge base, but for the directory."""
     page = (ROOT / "docs" / "operations.md").read_text(encoding="utf-8")
