@@ -1,6 +1,6 @@
 """Evaluates conditions at one time, in three-valued logic (rules V2 to V5, V7 to V9)."""
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Container, Iterator, Mapping
 from itertools import product
 from math import prod
 from typing import cast
@@ -49,7 +49,7 @@ class Evaluation:
         self._objects: dict[Types, Collection[str]] = {}
         self._indexed = cast("IndexedInterpretation", world) if hasattr(world, "matching") else None
         domain = world.domain
-        self._derived_names = frozenset(domain.rules) if domain else frozenset[str]()
+        self._derived_names: Container[str] = domain.rules if domain else ()
         self._derived: Derived | None = None
 
     def truth(self, condition: Formula, bindings: Mapping[str, str] = {}) -> Truth:
