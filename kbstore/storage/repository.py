@@ -405,8 +405,8 @@ class Repository:
 
     def rows_for_update(self, kind: KnowledgeType, ids: Sequence[int], t: int) -> dict[int, list[StoredAssertion]]:
         """For each timeline the latest row that begins no later than `t`, and those ahead of it, in order."""
-        token, open_rows = self.head().token, self._memory.open_rows
-        known = open_rows.of(token, ids)
+        head, open_rows = self.head(), self._memory.open_rows
+        known = open_rows.of(head.token, ids)
         missing = [id for id in ids if id not in known]
         read: dict[int, list[StoredAssertion]] = defaultdict(list)
         if missing:
@@ -415,7 +415,11 @@ class Repository:
                 read[row[0]].append(StoredAssertion._make((*row[1:7], row[7:])))
             for rows in read.values():
                 rows.sort(key=lambda stored: stored.initial_time)
-            open_rows.put(token, {id: rows[0] for id, rows in read.items() if rows[0].end_time == OPEN})
+            # one that began after the head may lie ahead of the next transaction, whose clock may be behind
+            found = ((id, rows[0]) for id, rows in read.items())
+            open_rows.put(
+                head.token, {id: row for id, row in found if row.end_time == OPEN and row.initial_time <= head.time}
+            )
         return {id: [row] for id, row in known.items()} | read
 
     def scheduled_objects(self, t: int) -> set[int]:

@@ -116,6 +116,19 @@ def test_what_was_not_committed_is_not_remembered(tmp_path, monkeypatch):
         ]
 
 
+def test_what_lies_ahead_for_a_clock_that_is_behind(tmp_path):
+    """T3, C5: what was read as begun, in a transaction that recorded nothing, can be cancelled if it is still ahead."""
+    clock = kbstore.ManualClock(START)
+    with kbstore.open(tmp_path / "store.db", clock=clock, tolerance=seconds(9)) as kb:
+        kb.add("(open p0)", initial_time=START + 5)
+        clock.set(START + 6)
+        assert kb.add("(open p0)").changes == 0
+        clock.set(START + 1)
+        assert kb.remove("(open p0)", initial_time=START + 5).changes == 1
+        clock.set(START + 6)
+        assert not kb.holds("(open p0)")
+
+
 def test_rows_are_those_of_one_transaction():
     """Who comes late with a transaction that others have followed changes nothing."""
     rows = OpenRows(10)
