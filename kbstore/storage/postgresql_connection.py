@@ -7,7 +7,7 @@ a schema of its own are named with it, instead of setting a search path.
 
 import json
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from operator import attrgetter
 from typing import Any
 
@@ -50,6 +50,8 @@ class PostgresqlConnection(StoreConnection):
         """Whether a transaction is begun with the next statement."""
         self._announced: list[tuple[int, int]] = []
         """The transactions that are to be committed, by knowledge base and number."""
+        self._pipeline: ExitStack | None = None
+        """What has been sent, and not yet been answered."""
         self._patience: float | None = getattr(driver, "answer_timeout", None)
         self.lend(options)
 
@@ -100,12 +102,35 @@ class PostgresqlConnection(StoreConnection):
 
     @contextmanager
     def together(self) -> Iterator[None]:
-        """Send statements that need no answer at once; what goes wrong with one is raised at the end."""
+        """Send statements that need no answer at once; what goes wrong with one is raised at the end.
+
+        In a transaction of its own that is by the next statement, which goes with them: COMMIT, as a rule.
+        """
         try:
-            with self.driver.pipeline():
+            with ExitStack() as pipeline:
+                pipeline.enter_context(self.driver.pipeline())
                 yield
+                if not self._borrowed and self._executing is self.driver:
+                    self._pipeline = pipeline.pop_all()
         except self._error as error:
             raise self._failure(error) from error
+        if self._pipeline is not None:
+            self._execute, self._cursor = self._execute_with_them, self._cursor_after_them
+
+    def _execute_with_them(self, text: str, parameters: Parameters | None = None) -> Any:
+        with self._end_pipeline():
+            return self._execute(text, parameters)
+
+    def _cursor_after_them(self, name: str = "") -> Any:
+        self._end_pipeline().close()
+        return self._cursor(name=name)
+
+    def _end_pipeline(self) -> ExitStack:
+        """Return what ends the pipeline that `together` left open; from here on statements are sent by themselves."""
+        assert self._pipeline is not None
+        pipeline, self._pipeline = self._pipeline, None
+        self._execute, self._cursor = self.driver.execute, self.driver.cursor
+        return pipeline
 
     def array(self, values: Sequence[Any]) -> list[Any]:
         """An array parameter."""
@@ -159,6 +184,9 @@ class PostgresqlConnection(StoreConnection):
     def rollback(self) -> None:
         """Roll the transaction back; a connection that is lost has done so already."""
         self._announced.clear()
+        if self._pipeline is not None:
+            with suppress(self._error):
+                self._end_pipeline().close()
         super().rollback()
 
     def _must_roll_back(self) -> bool:

@@ -205,14 +205,13 @@ def test_a_connection_that_is_lost_at_the_end(postgresql_url, name, cut):
             transaction.add("(open hall)")
             if at_commit:
                 session = transaction._repository._connection
-                execute = session._execute
+                commit = session.commit
 
-                def committing(text, *parameters):
-                    if text == "COMMIT":
-                        cut(kb)
-                    return execute(text, *parameters)
+                def committing():
+                    cut(kb)
+                    commit()
 
-                session._execute = committing
+                session.commit = committing
             else:
                 cut(kb)
 

@@ -190,6 +190,20 @@ def test_an_answer_that_begins_before_all_has_been_asked(postgresql_url):
         assert [len(answers[0].get_value(row, 0)) for row in range(answers[0].ntuples)] == [100] * 500
 
 
+def test_an_add_takes_four_trips_to_the_server(postgresql_url):
+    """It begins, locks the head, and reads what holds; all that it writes goes with the commit."""
+    if not server_is_ours(postgresql_url):
+        pytest.skip("the server is not in this file system")
+    with pooled(postgresql_url) as (url, pooler), kbstore.open(url, "adds") as kb:
+        kb.load("(define (domain d) (:predicates (p) (q)))")
+        kb.add("(p)")
+        kb.remove("(p)")
+        before = pooler.trips
+        kb.add("(p)")
+        assert pooler.trips - before == 4
+        assert kb.holds("(p)")
+
+
 def test_a_state_takes_one_trip_to_the_server(postgresql_url):
     """What holds is read with the head by one statement; with a schedule, by several in a transaction."""
     if not server_is_ours(postgresql_url):
