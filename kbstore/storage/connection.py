@@ -147,15 +147,12 @@ class StoreConnection(ABC):
         self._log_wait(started)
         return row
 
+    @abstractmethod
     def memory(self, kb: int) -> AnswerCache | None:
-        """The answers about a knowledge base that may be remembered, outside of transactions.
+        """The answers about a knowledge base that may be remembered.
 
-        None where commits of other connections are not noticed.
+        None within a transaction, and where commits of other connections are not noticed.
         """
-        return None if self.in_transaction else self._answers(kb)
-
-    def _answers(self, kb: int) -> AnswerCache | None:
-        return None
 
     @abstractmethod
     def announce(self, kb: int, number: int) -> None:

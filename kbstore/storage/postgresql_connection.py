@@ -71,10 +71,10 @@ class PostgresqlConnection(StoreConnection):
         """Wait for the answers of this use without a deadline: for maintenance."""
         self._wait(None)
 
-    def _answers(self, kb: int) -> AnswerCache | None:
+    def memory(self, kb: int) -> AnswerCache | None:
         """The answers that may be remembered, while notifications arrive."""
         subscription = self.options.subscription
-        return None if subscription is None else subscription.answers()
+        return None if subscription is None or self.in_transaction else subscription.answers()
 
     def announce(self, kb: int, number: int) -> None:
         """Before the commit of a transaction: have those told who listen to its knowledge base."""

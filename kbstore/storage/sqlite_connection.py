@@ -93,12 +93,14 @@ class SqliteConnection(StoreConnection):
 
     # -- statements -------------------------------------------------------------------------------------------
 
-    def _answers(self, kb: int) -> AnswerCache:
+    def memory(self, kb: int) -> AnswerCache | None:
         """The answers remembered on this connection, dropped first if another one has committed to `kb` since.
 
-        Right outside of transactions, and only where nobody else writes on this very connection. Source:
+        None within a transaction. Right only where nobody else writes on this very connection. Source:
         https://www.sqlite.org/pragma.html#pragma_data_version
         """
+        if self.in_transaction:
+            return None
         try:
             version: int = self._execute("PRAGMA data_version").fetchone()[0]
         except self._error as error:
