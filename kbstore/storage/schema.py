@@ -23,7 +23,7 @@ from sqlalchemy.engine import URL
 from sqlalchemy.exc import DBAPIError
 
 from kbstore.errors import KbStoreError, SchemaOutOfDate, SchemaTooNew, SchemaUnknown, StoreUnavailable, one_line
-from kbstore.storage import schema_objects, tables
+from kbstore.storage import blank_store, schema_objects, tables
 from kbstore.storage.connection import LOG
 from kbstore.storage.engine import BUSY_TIMEOUT, make_engine, parsed_url, refuse_schema, schema_of
 from kbstore.storage.schema_objects import VERSION_TABLE, VIEWS
@@ -52,9 +52,6 @@ _alembic = threading.Lock()
 
 _checked: weakref.WeakKeyDictionary[sa.Engine, set[str | None]] = weakref.WeakKeyDictionary()
 """The schemas of PostgreSQL databases that have been compared, by engine: a pool asks once."""
-
-_blank: list[bytes] = []
-"""An empty store, as the migrations left this process's first one in memory; none before that."""
 
 
 class Migrated(NamedTuple):
@@ -266,23 +263,18 @@ def _refusal(engine: sa.Engine, stamps: Sequence[str] | None, schema: str | None
 
 
 def _set_up(connection: sa.Connection, schema: str | None) -> None:
-    """Give an empty database its schema."""
-    driver: Any = connection.connection.driver_connection
-    # a copy replaces all that there is, such as a service's own tables
-    copying = (
-        connection.dialect.name == "sqlite"
-        and file_of(connection.engine.url) is None
-        and not driver.execute("SELECT EXISTS (SELECT 1 FROM sqlite_master)").fetchone()[0]
-    )
-    if copying and _blank:
-        with closing(sqlite3.connect(":memory:")) as blank:
-            blank.deserialize(_blank[0])
-            # a database that is deserialised itself cannot grow beyond a gigabyte
-            blank.backup(driver)
+    """Give an empty database its schema: in SQLite the migrations run once in a process."""
+    if connection.dialect.name != "sqlite":
+        _run(connection, "head", schema)
         return
+    driver: Any = connection.connection.driver_connection
+    if blank_store.copy(driver, in_memory=file_of(connection.engine.url) is None):
+        LOG.info("%s: schema changed from none to %s", _shown(connection.engine), HEAD)
+        return
+    was_empty = blank_store.is_empty(driver)
     _run(connection, "head", schema)
-    if copying:
-        _blank.append(driver.serialize())
+    if was_empty:
+        blank_store.remember(driver, HEAD)
 
 
 def _migrate(url: Store, revision: str, schema: str | None, *, backup: bool, down: bool) -> Migrated:

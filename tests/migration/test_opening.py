@@ -1,6 +1,7 @@
 """What opening a database does about its schema."""
 
 import inspect
+import shutil
 import sqlite3
 
 import pytest
@@ -8,7 +9,7 @@ import sqlalchemy as sa
 
 import kbstore
 from kbstore.errors import SchemaOutOfDate, SchemaTooNew, SchemaUnknown, StoreUnavailable
-from kbstore.storage import schema, tables
+from kbstore.storage import blank_store, schema, schema_objects, tables
 from kbstore.storage.engine import make_engine
 from tests.migration import rows_0001
 
@@ -28,36 +29,77 @@ def test_an_empty_database_is_set_up(engine):
     assert rows_0001.objects(engine) == before
 
 
-def test_each_store_in_memory_gets_the_same_schema():
-    """A store in memory has all tables, indexes and views, whether it is the process's first or not."""
+@pytest.fixture(params=["memory", "file"])
+def new_engine(request, tmp_path):
+    """Makes engines on empty SQLite databases."""
+    made = []
+
+    def make():
+        place = "sqlite://" if request.param == "memory" else tmp_path / f"{len(made)}.db"
+        made.append(make_engine(place))
+        return made[-1]
+
+    yield make
+    for engine in made:
+        engine.dispose()
+
+
+def test_each_sqlite_store_gets_the_same_schema(new_engine):
+    """It has all tables, indexes and views as migrated, whether the process has made one before or not."""
     found = []
     for _ in range(2):
-        engine = make_engine("sqlite://")
+        engine = new_engine()
         schema.ensure(engine, read_only=False)
         found.append(rows_0001.objects(engine))
         with engine.connect() as connection:
-            assert connection.exec_driver_sql(f"SELECT version_num FROM {schema.VERSION_TABLE}").all() == [
-                (schema.HEAD,)
-            ]
-        engine.dispose()
+            assert schema_objects.is_as_migrated(connection)
+            stamps = connection.exec_driver_sql(f"SELECT version_num FROM {schema.VERSION_TABLE}").scalars().all()
+            assert stamps == [schema.HEAD]
     assert found[0] == found[1] >= tables.metadata.tables.keys()
 
 
-def test_a_services_own_tables_in_memory_stay():
-    """A store beside a service's tables in memory is made without touching them, and no other store gets them."""
+def test_whoever_sets_a_file_up_first_is_not_disturbed(tmp_path, monkeypatch):
+    """A store that another one makes right before the lock is taken keeps what has been written to it."""
+    path, other = tmp_path / "store.db", tmp_path / "other.db"
+    with kbstore.open(other, "first") as kb:
+        kb.add("(here)")
+    look = blank_store.is_empty
+
+    def look_too_early(driver):
+        was_empty = look(driver)
+        if not driver.in_transaction:
+            shutil.copyfile(other, path)
+        return was_empty
+
+    monkeypatch.setattr(blank_store, "is_empty", look_too_early)
+    with kbstore.open(path, "first") as kb:
+        assert kb.holds("(here)")
+
+
+def test_a_file_without_room_for_the_schema_stays_empty(tmp_path):
+    """A disk that is full in the middle of the schema leaves nothing of it."""
+    kbstore.open("sqlite://").close()
+    engine = make_engine(tmp_path / "store.db")
+    sa.event.listen(engine, "connect", lambda driver, _: driver.execute("PRAGMA max_page_count = 20"))
+    with pytest.raises(StoreUnavailable, match="disk is full; nothing has been changed"):
+        schema.ensure(engine, read_only=False)
+    assert not rows_0001.objects(engine)
+    engine.dispose()
+
+
+def test_a_services_own_tables_stay_as_they_are(new_engine):
+    """A store beside a service's tables is made without touching them, and no other store gets them."""
     for _ in range(2):
-        engine = make_engine("sqlite://")
+        engine = new_engine()
         with engine.begin() as connection:
             connection.exec_driver_sql("CREATE TABLE missions (id INTEGER)")
             connection.exec_driver_sql("INSERT INTO missions VALUES (1)")
         schema.ensure(engine, read_only=False)
         with engine.connect() as connection:
             assert connection.exec_driver_sql("SELECT id FROM missions").scalars().all() == [1]
-        engine.dispose()
-    empty = make_engine("sqlite://")
+    empty = new_engine()
     schema.ensure(empty, read_only=False)
     assert "missions" not in rows_0001.objects(empty)
-    empty.dispose()
 
 
 def test_opening_again_is_cheap():
