@@ -18,7 +18,7 @@ from kbstore.storage.connection import LOG, Options, StoreConnection, inherited
 from kbstore.storage.connections import Connections
 from kbstore.storage.engine import make_engine
 from kbstore.storage.notifications import Listener, Subscription, refuse_shared
-from kbstore.storage.postgresql_connection import PostgresqlConnection
+from kbstore.storage.postgresql_connection import PostgresqlConnection, is_connected
 from kbstore.storage.server_engine import (
     answer_timeout,
     connect_timeout,
@@ -297,7 +297,9 @@ class LentConnections(PooledConnections):
     def _postgresql(self, driver: Any, handle: Connection) -> StoreConnection:
         error_of_driver = self.engine.dialect.loaded_dbapi.Error
         try:
-            lent = lend(handle, answer_timeout(self.engine.url, self._options.busy_timeout))
+            lent = is_connected(driver, error_of_driver) and lend(
+                handle, answer_timeout(self.engine.url, self._options.busy_timeout)
+            )
         except StoreUnavailable:
             handle.close()
             raise

@@ -31,6 +31,17 @@ _WAITING = (
 _plain = attrgetter("postgresql")
 
 
+def is_connected(driver: Any, error: type[Exception]) -> bool:
+    """Return whether a connection can be used: a server's notice that it is gone has arrived by now."""
+    try:
+        # never waits; once for what the server said, and once more for the end of the connection
+        driver.pgconn.consume_input()
+        driver.pgconn.consume_input()
+    except error:
+        return False
+    return True
+
+
 class PostgresqlConnection(StoreConnection):
     """A connection to a PostgreSQL server."""
 
@@ -242,11 +253,6 @@ class PostgresqlConnection(StoreConnection):
         self.is_lost = self.is_lost or bool(self.driver.closed)
 
     def is_alive(self) -> bool:
-        """Return whether the connection can be used: a server's notice that it is gone has arrived by now."""
-        try:
-            # never waits; once for what the server said, and once more for the end of the connection
-            self.driver.pgconn.consume_input()
-            self.driver.pgconn.consume_input()
-        except self._error:
-            self.is_lost = True
+        """Return whether the connection can be used, as far as is known without waiting."""
+        self.is_lost = self.is_lost or not is_connected(self.driver, self._error)
         return not self.is_lost

@@ -162,6 +162,23 @@ def test_a_connection_that_was_lost_while_idle_is_made_anew(postgresql_url, name
         assert kb.holds("(open hall)")
 
 
+def test_connections_that_an_engine_has_lost_while_idle(empty_database):
+    """After a restart of the server a call goes through the lost ones of the engine's pool, also those new to it."""
+    engine = sa.create_engine(empty_database)
+    with kbstore.open(engine) as kb:
+        kb.add("(raining)")
+        with engine.connect(), engine.connect(), engine.connect():
+            pass
+        assert engine.pool.checkedin() == 3
+        with psycopg.connect(empty_database.replace("+psycopg", ""), autocommit=True) as admin:
+            admin.execute(
+                "SELECT pg_terminate_backend(pid, 5000) FROM pg_stat_activity"
+                " WHERE datname = current_database() AND pid <> pg_backend_pid()"
+            )
+        assert kb.holds("(raining)")
+    engine.dispose()
+
+
 def test_a_connection_that_is_lost_within_a_transaction(postgresql_url, name, cut):
     """Within a transaction the call under way is `StoreUnavailable`, all of it is gone, and the next call works."""
 
