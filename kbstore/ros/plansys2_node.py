@@ -6,6 +6,7 @@ Needs rclpy and PlanSys2's messages (`plansys2_msgs`), which a ROS 2 distributio
 import threading
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import rclpy
@@ -183,6 +184,8 @@ class ProblemExpertNode(ExpertNode):
         self._updates = self.create_lifecycle_publisher(Empty, "problem_expert/update_notify", DEPTH)
         self._knowledge = self.create_lifecycle_publisher(msg.Knowledge, "problem_expert/knowledge", latched)
         self._publishing = threading.Lock()
+        self._publisher = ThreadPoolExecutor(1, thread_name_prefix="knowledge")
+        self._is_due = False
 
     def _make(self, kb: KnowledgeBase) -> ProblemExpert:
         if self.text("problem_file"):
@@ -197,15 +200,28 @@ class ProblemExpertNode(ExpertNode):
         self._publish()
         return result
 
+    def close(self) -> None:
+        """Close the knowledge base, if it is open, once nothing is read from it."""
+        with self._publishing:
+            super().close()
+
     def _after(self, service: str, response: Any) -> None:
-        if service in ProblemExpert.CHANGING and response.success:
+        if service in ProblemExpert.CHANGING and response.success and self._knowledge.is_activated:
             self._updates.publish(Empty())
-            if service not in ProblemExpert.QUIET:
-                self._publish()
+            # the caller need not wait, and changes in a row need one message
+            if service not in ProblemExpert.QUIET and not self._is_due:
+                self._is_due = True
+                self._publisher.submit(self._publish)
 
     def _publish(self) -> None:
-        # one at a time, so that the last that is published is the latest
+        """Publish what is known."""
         with self._publishing:
+            # what changes from here on may be missed, and is published again
+            self._is_due = False
             expert = self._expert
-            if isinstance(expert, ProblemExpert):
+            if not isinstance(expert, ProblemExpert):
+                return
+            try:
                 self._knowledge.publish(expert.knowledge())
+            except KbStoreError as error:
+                self.get_logger().error(f"the knowledge is not published: {error}")

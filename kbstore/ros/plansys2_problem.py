@@ -10,6 +10,7 @@ from kbstore.interop.plansys2 import NodeType, read_atom
 from kbstore.interop.plansys2_messages import MessageWriter
 from kbstore.knowledge_base import KnowledgeBase
 from kbstore.messages import Fact, Function, Instance, KnowledgeType
+from kbstore.model.domain import ROOT_TYPE
 from kbstore.model.expressions import Atom
 from kbstore.names import is_wildcard, key
 from kbstore.pddl.parse import condition_of
@@ -155,10 +156,8 @@ class ProblemExpert(Expert):
         The `negate` of a node is ignored: a delete effect in a tree of PlanSys2 has it set.
         """
         fact = _fact(request.node)
+        self._check(fact, fact)
         with self._transaction("remove_problem_predicate") as tx:
-            _check_objects(fact, tx.state())
-            # refused where the objects do not fit the predicate (V10)
-            tx.holds(fact)
             tx.remove(fact)
 
     def exist_problem_predicate(self, request: Any, response: Any) -> None:
@@ -187,16 +186,15 @@ class ProblemExpert(Expert):
     def update_problem_function(self, request: Any, response: Any) -> None:
         """Set the value of a function that has one."""
         function = _function(request.node)
+        self._kb.value(function.atom)
         with self._transaction("update_problem_function") as tx:
-            tx.value(function.atom)
             tx.add(function)
 
     def remove_problem_function(self, request: Any, response: Any) -> None:
         """Remove the value of a function; one without a value may be removed, of objects that exist and fit."""
         function = _function(request.node)
+        self._check(function, function.changed(function_value=None))
         with self._transaction("remove_problem_function") as tx:
-            _check_objects(function, tx.state())
-            tx.holds(function.changed(function_value=None))
             tx.remove(function)
 
     def exist_problem_function(self, request: Any, response: Any) -> None:
@@ -220,15 +218,27 @@ class ProblemExpert(Expert):
             nodes.append(node)
         response.states = nodes
 
+    def _check(self, item: Fact | Function, question: Fact | Function) -> None:
+        """Refuse to remove what refers to an object that does not exist, as PlanSys2 does, or that does not fit (V10).
+
+        It is asked before the transaction, which would read the whole state for it.
+        """
+        for name in item.arguments:
+            # the removal itself takes ? for any object
+            if is_wildcard(name) or not self._kb.holds(Instance(instance_name=name, instance_type=ROOT_TYPE)):
+                raise InvalidKnowledge(f"{item}: there is no object {name}")
+        self._kb.holds(question)
+
     # -- everything -------------------------------------------------------------------------------------------
 
     def knowledge(self) -> Any:
         """The state as a `Knowledge`: functions are listed without their values, as PlanSys2 does."""
         state = self._kb.state()
         message = self._messages.Knowledge()
-        message.instances = [item.instance_name for item in self._kb.instances(include_constants=True)]
-        message.predicates = [_text(atom) for atom in _true_atoms(state)]
-        message.functions = [_text(Atom(item.attribute_name, item.arguments)) for item in state.functions]
+        constants = () if state.domain is None else state.domain.constants
+        message.instances = [*(item.instance_name for item in state.instances), *constants]
+        message.predicates = [_text(atom.name, atom.arguments) for atom in _true_atoms(state)]
+        message.functions = [_text(item.attribute_name, item.arguments) for item in state.functions]
         message.goal = f"(and {' '.join(map(str, state.goals))})" if state.goals else ""
         return message
 
@@ -274,13 +284,6 @@ def _existing(name: str, state: State) -> Instance:
     return Instance(instance_name=spelling, instance_type=domain.type_spelling(type_name))
 
 
-def _check_objects(item: Fact | Function, state: State) -> None:
-    """Refuse what mentions an object that does not exist, as PlanSys2 does; a removal takes ``?`` for any object."""
-    for name in item.arguments:
-        if is_wildcard(name) or state.snapshot.type_of(key(name)) is None:
-            raise InvalidKnowledge(f"{item}: there is no object {name}")
-
-
 def _true_atoms(state: State) -> list[Atom]:
     """The facts that are true, and what is derived."""
     found = [Atom(fact.attribute_name, fact.arguments) for fact in state.facts if not fact.is_negative]
@@ -292,5 +295,5 @@ def _true_atoms(state: State) -> list[Atom]:
     return found
 
 
-def _text(atom: Atom) -> str:
-    return str(Atom(key(atom.name), atom.arguments))
+def _text(name: str, arguments: tuple[str, ...]) -> str:
+    return f"({' '.join((key(name), *arguments))})"

@@ -3,6 +3,7 @@
 The messages are generated and compiled from the definitions in this directory (`plansys2_build.py`).
 """
 
+import itertools
 import os
 import statistics
 import threading
@@ -301,10 +302,15 @@ def test_what_is_published(tester, calls, place, experts):
         late = tester.received(msg.Knowledge, "problem_expert/knowledge", LATCHED)
         until(lambda: late)
         time.sleep(0.5)
-    assert (len(updates), len(known)) == (3, 2)
-    assert sorted(late[-1].predicates) == ["(free r1)", "(item_at cup b)", "(robot_at r1 a)", "(robot_at r1 b)"]
-    assert sorted(late[-1].instances) == ["a", "b", "cup", "hub", "r1"]
-    assert late[-1].goal == "(and (robot_at r1 b))"
+        assert (len(updates), len(known)) == (3, 2)
+        # of changes in quick succession at least what is known after the last
+        for number in range(20):
+            calls.succeeds("add_problem_predicate" if number % 2 else "remove_problem_predicate", node=at("b"))
+        calls.succeeds("add_problem_instance", param=param("r2", "robot"))
+        until(lambda: "r2" in known[-1].instances)
+    assert sorted(known[-1].predicates) == ["(free r1)", "(item_at cup b)", "(robot_at r1 a)", "(robot_at r1 b)"]
+    assert sorted(late[0].instances) == ["a", "b", "cup", "hub", "r1"]
+    assert late[0].goal == "(and (robot_at r1 b))"
 
 
 def test_a_restart_goes_on_where_it_was(calls, place, experts):
@@ -408,7 +414,8 @@ def test_the_cost_of_a_call(tester, calls, place, capsys, experts):
     arguments = parameters(place, problem_file=place / "problem.pddl")
     with experts(*arguments), empty_service("ExistNode", "nothing"), opened(place) as kb:
         calls.start()
-        question = kbstore.Fact(attribute_name="robot_at", values=["r1", "a"])
+        question, other = (kbstore.Fact(attribute_name="robot_at", values=["r1", place]) for place in "ab")
+        services, changes = itertools.cycle(("remove", "add")), itertools.cycle((kb.add, kb.remove))
 
         def nothing():
             tester.call(srv.ExistNode, "nothing", node=at("a"))
@@ -433,6 +440,12 @@ def test_the_cost_of_a_call(tester, calls, place, capsys, experts):
                     lambda: [kb.propositions(), kb.find("(busy ?r)")],
                 ),
                 ("get_problem", lambda: calls("get_problem"), kb.to_pddl),
+                (
+                    # what is known is published, too
+                    "remove_problem_predicate and add_problem_predicate, in turns",
+                    lambda: calls(f"{next(services)}_problem_predicate", node=at("a")),
+                    lambda: next(changes)(other),
+                ),
                 ("get_domain", lambda: calls("get_domain"), kb.domain_to_pddl),
             )
         }
