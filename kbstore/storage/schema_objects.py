@@ -116,6 +116,8 @@ _CATALOGUE = sa.text(
       || CASE WHEN x.indpred IS NULL THEN '' ELSE ' WHERE' END
       || CASE WHEN x.indisvalid AND x.indimmediate THEN '' ELSE ' that is invalid or deferred' END
     FROM own o JOIN pg_index x ON x.indrelid = o.oid JOIN pg_class i ON i.oid = x.indexrelid
+    -- those that REINDEX CONCURRENTLY is building, or has left
+    WHERE x.indisvalid OR i.relname !~ '_cc(new|old)[0-9]*$'
     UNION ALL
     SELECT CASE k.contype WHEN 'f' THEN 'foreign key ' ELSE 'constraint ' END || k.conname || ' of ' || o.relname
       || CASE WHEN k.contype = 'f' THEN ' to ' || coalesce(f.relname, 'another table') ELSE '' END

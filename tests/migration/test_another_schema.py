@@ -91,6 +91,21 @@ def test_what_a_server_would_run_is_refused(empty_schema, statements):
     engine.dispose()
 
 
+def test_an_index_may_be_built_again_meanwhile(empty_schema):
+    """What REINDEX CONCURRENTLY has half built, or has left after a failure, keeps nobody from opening."""
+    engine = make_engine(empty_schema)
+    kbstore.open(empty_schema).close()
+    change(engine, "CREATE INDEX ix_facts_begin_ccnew1 ON facts (kb_id, level, initial_time)")
+    with pytest.raises(SchemaUnknown, match="it has index ix_facts_begin_ccnew1"):
+        kbstore.open(empty_schema)
+    change(engine, "UPDATE pg_index SET indisvalid = false WHERE indexrelid = 'ix_facts_begin_ccnew1'::regclass")
+    kbstore.open(empty_schema).close()
+    change(engine, "UPDATE pg_index SET indisvalid = false WHERE indexrelid = 'ix_facts_begin'::regclass")
+    with pytest.raises(SchemaUnknown, match="it lacks index ix_facts_begin, and it has index ix_facts_begin"):
+        kbstore.open(empty_schema)
+    engine.dispose()
+
+
 def test_a_view_that_calls_a_function_is_refused(empty_schema):
     """A view is run with the rights of who asks it: on a server it reads kbstore's tables, and calls nothing else."""
     engine = make_engine(empty_schema)
