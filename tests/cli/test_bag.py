@@ -50,7 +50,8 @@ def test_export(run, tmp_path):
     assert (done.json["file"], done.json["since"]) == (str(file), "2026-05-04T09:00:00Z")
     assert done.json["since_ns"] == messages[0].log_time
     again = run("bag", "export", file)
-    assert (again.code, again.err) == (2, f"kbstore: {file}: File exists\n")
+    assert again.code == 2
+    assert again.err == f"kbstore: {file} exists, and is not overwritten; remove it, or give another name\n"
     assert run("bag", "export", tmp_path / "all.mcap").out.startswith(f"{tmp_path / 'all.mcap'} has ")
 
 

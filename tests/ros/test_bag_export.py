@@ -1,5 +1,6 @@
 """The record as MCAP, read back by mcap: states at their changes, numbers at their corners, runs."""
 
+import errno
 import json
 
 import pytest
@@ -172,9 +173,23 @@ def test_a_file_that_is_there_is_kept(kb, tmp_path):
     """It is not written over."""
     path = tmp_path / "kenny.mcap"
     path.write_text("mine")
-    with pytest.raises(FileExistsError):
+    with pytest.raises(kbstore.InvalidKnowledge, match=r"kenny.mcap exists, and is not overwritten"):
         export_mcap(kb, path)
     assert path.read_text() == "mine"
+
+
+def test_a_file_that_cannot_be_finished_is_not_there(kb, tmp_path, monkeypatch):
+    """Where the disk is full, nothing is left of it."""
+
+    def full(self):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("kbstore.ros.bags.mcap_file.Writer.finish", full)
+    with pytest.raises(
+        kbstore.StoreUnavailable, match=r"kenny.mcap: No space left on device; nothing has been written"
+    ):
+        export_mcap(kb, tmp_path / "kenny.mcap")
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_an_empty_span(kb, tmp_path):

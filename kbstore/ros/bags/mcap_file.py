@@ -22,6 +22,7 @@ from kbstore.model.plain import Data, Result, times
 from kbstore.model.results import AsOf, Assertion, Run, Transaction
 from kbstore.names import key
 from kbstore.report.relations import end_value
+from kbstore.transfer.rows import new_file
 
 try:
     from mcap.writer import Writer
@@ -74,7 +75,7 @@ def export_mcap(
     until: TimeLike | None = None,
     as_of: AsOf | None = None,
 ) -> Exported:
-    """Write the record of a span to a new file.
+    """Write the record of a span to a new file, completely or not at all.
 
     Args:
         kb: the knowledge base.
@@ -84,11 +85,12 @@ def export_mcap(
         as_of: a time or a transaction: what was on record then.
 
     Raises:
-        FileExistsError: there is such a file.
+        InvalidKnowledge: there is such a file.
+        StoreUnavailable: it cannot be written.
         HistoryUnavailable: the begin of the span has been archived.
     """
     events = sorted(_Record(kb, since, until, as_of).events(), key=lambda event: event.time)
-    with Path(path).open("xb") as file:
+    with new_file(Path(path)) as partial, partial.open("wb") as file:
         writer: Any = Writer(file)
         writer.start(profile="", library="kbstore")
         schemas, channels = dict[str, int](), dict[str, int]()
