@@ -88,7 +88,8 @@ class _Types:
     def __init__(self, packages: Sequence[Any]) -> None:
         self._packages = packages
         self._found: dict[str, Any] = {}
-        self._found = {"KnowledgeItem": _item(self("KnowledgeItem")), ANSWER: _answer(self(ANSWER))}
+        item, answer = self("KnowledgeItem"), self(ANSWER)
+        self._found |= {"KnowledgeItem": _item(item), ANSWER: _answer(answer)}
 
     def __call__(self, name: str) -> Any:
         found = self._found.get(name)
