@@ -48,7 +48,7 @@ class OpenRows:
 
     def __init__(self, bound: int) -> None:
         self._rows: LRU[int, StoredAssertion] = LRU(bound)
-        self._token = 0
+        self._token: int | None = None
         self._lock = threading.Lock()
 
     def of(self, token: int, ids: Iterable[int]) -> dict[int, StoredAssertion]:
@@ -68,10 +68,12 @@ class OpenRows:
         with self._lock:
             # another thread may have gone further: what it knows is as of its own transaction
             if before == self._token:
-                self._token = token
+                # an interrupt half-way leaves rows of no transaction
+                self._token = None
                 self._rows.drop(gone)
                 for id, row in rows.items():
                     self._rows.put(id, row)
+                self._token = token
 
 
 class Progress:

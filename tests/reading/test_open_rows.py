@@ -139,3 +139,18 @@ def test_rows_are_those_of_one_transaction():
     rows.follow(1, 3, (), {7: row(3)})
     assert rows.of(2, [7]) == {7: row(2)}
     assert rows.of(3, [7]) == {}
+
+
+def test_an_interrupt_half_way_leaves_no_old_rows():
+    """Ctrl-C while rows are dropped and put leaves none that the transaction has ended."""
+
+    def interrupted():
+        yield 8
+        raise KeyboardInterrupt
+
+    rows = OpenRows(10)
+    rows.of(1, ())
+    rows.put(1, {7: row(1), 8: row(1)})
+    with pytest.raises(KeyboardInterrupt):
+        rows.follow(1, 2, interrupted(), {7: row(2)})
+    assert rows.of(2, [7, 8]) == {}
