@@ -50,12 +50,15 @@ class Options(NamedTuple):
 
 
 class AnswerCache:
-    """Answers about now since the last commit, whose token it has: truths, values, and what else was computed."""
+    """Answers about now since the last commit: truths, values, and what else was computed.
+
+    It has the token of that commit; None where it is not known.
+    """
 
     __slots__ = ("computed", "token", "truths", "values")
 
     def __init__(self) -> None:
-        self.token = 0
+        self.token: int | None = None
         self.computed: LRU[Any, Any] = LRU(ASSERTIONS, lambda found: found[1].size)
         self.truths: LRU[Any, Any] = LRU(ANSWERS)
         self.values: LRU[Any, Any] = LRU(ANSWERS)
@@ -230,6 +233,7 @@ class StoreConnection(ABC):
 
     def commit(self) -> None:
         """Commit the transaction."""
+        self._committing()
         try:
             self._execute("COMMIT")
         except self._error as error:
@@ -240,6 +244,9 @@ class StoreConnection(ABC):
                 ) from error
             raise failure from error
         self._committed()
+
+    def _committing(self) -> None:
+        """Do what may not be left out where an interrupt comes just after the commit."""
 
     def _committed(self) -> None:
         self.in_transaction = False

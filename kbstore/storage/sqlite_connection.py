@@ -155,10 +155,10 @@ class SqliteConnection(StoreConnection):
             self._set(self._for_writing())
         return "BEGIN IMMEDIATE" if write else "BEGIN", {}
 
-    def _committed(self) -> None:
-        super()._committed()
+    def _committing(self) -> None:
         # data_version does not change by this connection's own commits
         self._memory.clear()
+        self._memory.token = None
 
     def _must_roll_back(self) -> bool:
         # after some errors (a full disk) SQLite has rolled back by itself

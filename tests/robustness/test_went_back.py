@@ -130,6 +130,22 @@ def test_who_lost_transactions_is_told_once(lost):
     assert other.holds("(clean hall)")
 
 
+def test_what_was_remembered_since_an_own_transaction_is_not_answered(store, opened):
+    """Back to the last transaction that a connection had seen of others, what came after it is forgotten, too."""
+    kb, another = opened(store.url, "kenny"), opened(store.url, "lucy")
+    kb.add("(clean hall)")
+    assert kb.holds("(clean hall)")
+    another.add("(clean hall)")
+    assert kb.holds("(clean hall)")
+    store.save()
+    until_connected(lambda: kb.remove("(clean hall)"))
+    assert not kb.holds("(clean hall)")
+    store.restore()
+    with pytest.raises(StoreWentBack):
+        until_connected(lambda: kb.holds("(clean hall)"))
+    assert kb.holds("(clean hall)")
+
+
 def test_nothing_is_written_by_a_number_that_was_remembered(lost):
     """What is removed is what was meant, or nothing: not what has its number now."""
     kb, other = lost
