@@ -168,7 +168,7 @@ class Answers:
             is_remembered = self._remembers and at is None and as_of is None
             if is_remembered and (memory := connection.memory(self._reader.kb)) is not None:
                 answers = getattr(memory, form.remembered)
-                remembered = self._remembered(answers, name)
+                remembered = self._remembered(answers, name, self._clock.now())
                 if remembered is not None:
                     return remembered
             found = None
@@ -190,13 +190,14 @@ class Answers:
         finally:
             self._database.checkin(connection)
 
-    def _remembered(self, answers: LRU[Any, Any], name: object) -> _Answer | None:
+    @staticmethod
+    def _remembered(answers: LRU[Any, Any], name: object, now: int) -> _Answer | None:
         """The answer that is remembered, if it is right now."""
         known: _Found | None = answers.get(name)
         if known is None:
             return None
         since, until, answer = known
-        if not since <= (now := self._clock.now()) < until:
+        if not since <= now < until:
             return None
         return answer.at(now) if isinstance(answer, _COMPUTED) else answer
 
@@ -267,8 +268,9 @@ class Answers:
             memory = connection.memory(self._reader.kb) if self._remembers and at is None else None
             domain = self._domains.latest.domain
             if memory is not None and domain is not None:
-                # all of one commit
-                known = [self._remembered(memory.truths, name) for name in names]
+                # all of one commit, and at one time
+                now = self._clock.now()
+                known = [self._remembered(memory.truths, name, now) for name in names]
                 if None not in known:
                     return query_result(items, [truth is Truth.TRUE for truth in known], SymbolTable(domain))
             with reader.repository() as repository:

@@ -7,6 +7,7 @@ import pytest
 
 import kbstore
 from kbstore import InvalidKnowledge, KbStoreError, seconds
+from kbstore.storage.sqlite_connection import SqliteConnection
 from tests.conftest import START
 
 DOMAIN = """
@@ -101,6 +102,49 @@ def test_what_is_remembered_is_what_would_be_answered_anew(tmp_path, seed, unkno
             for _ in range(chance.randrange(4)):
                 assert answers(kb) == answers(kb) == answers(forgetful)
                 clock.advance(chance.choice((1, seconds(1) - 1, seconds(1))))
+
+
+def test_what_is_asked_together_is_answered_at_one_time(tmp_path):
+    """Questions of one call agree while a number passes a limit, also where all are answered from memory."""
+
+    class Ticking(kbstore.ManualClock):
+        ticks = 0
+
+        def now(self):
+            self.advance(self.ticks)
+            return super().now()
+
+    clock = Ticking(START)
+    alike = ("(>= (level) 11)", "(>= (level) 11.0)")
+    with kbstore.open(tmp_path / "store.db", clock=clock) as kb:
+        kb.load("(define (domain tank) (:requirements :fluents) (:functions (level)))")
+        kb.add("(= (level) 10)")
+        kb.add("(increase (level) (* #t 1))")
+        assert kb.query(*alike).results == [False, False]
+        assert [kb.holds(question) for question in alike] == [False, False]
+        for before in range(5):
+            clock.set(START + seconds(1) - before)
+            clock.ticks = 1
+            first, second = kb.query(*alike).results
+            clock.ticks = 0
+            assert first == second
+
+
+def test_an_interrupt_just_after_the_commit_leaves_no_old_answer(tmp_path, monkeypatch):
+    """T3: Ctrl-C while the disk is waited for is raised after what was written is stored."""
+
+    def interrupted(_connection):
+        raise KeyboardInterrupt
+
+    with kbstore.open(tmp_path / "store.db") as kb:
+        kb.add("(open p0)")
+        assert kb.holds("(open p0)")
+        with monkeypatch.context() as patch:
+            patch.setattr(SqliteConnection, "_committed", interrupted)
+            with pytest.raises(KeyboardInterrupt):
+                kb.remove("(open p0)")
+        assert not kb.holds("(open p0)")
+        assert kb.propositions() == []
 
 
 def test_the_parts_of_a_state_are_those_of_the_state(tmp_path):
