@@ -69,7 +69,7 @@ def statements():
 
 
 def construct(statement, dialect="postgresql"):
-    return statement._core(dialect)
+    return statement.core(dialect)
 
 
 ALL = statements()
