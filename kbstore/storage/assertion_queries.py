@@ -357,7 +357,8 @@ class AssertionQueries:
     def recorded_since(self) -> Statement:
         """A row, if a transaction after :number recorded any."""
         rows = select(constant(1)).where(self._columns.kb_id == KB, self._columns.recorded_tx > parameter("number"))
-        return Statement(rows.limit(constant(1)))
+        # in their order: otherwise PostgreSQL reads a large table from its beginning until it finds one
+        return Statement(rows.order_by(self._columns.recorded_tx).limit(constant(1)))
 
     @cached_property
     def recorded(self) -> Statement:
