@@ -11,7 +11,7 @@ demo: .venv/runtime
 	$(BIN)/python -m kbstore.cli.demo
 
 test: .venv/dev pgbouncer
-	$(BIN)/python -m pytest -n auto
+	$(BIN)/python -m pytest -n auto --dist worksteal
 
 # PgBouncer comes from Debian's package, which root can install where it is not started as a service, too; where it is
 # not there, a line says so.
