@@ -134,9 +134,12 @@ class Caller:
     def __init__(self, node):
         self.node = node
 
-    def __call__(self, service, **request):
+    def proxy(self, service):
         types = __import__("std_srvs.srv" if service == "clear" else "rosplan_knowledge_msgs.srv", fromlist=["srv"])
-        proxy = rospy.ServiceProxy(f"/{self.node}/{service}", getattr(types, SERVICES[service]))
+        return rospy.ServiceProxy(f"/{self.node}/{service}", getattr(types, SERVICES[service]))
+
+    def __call__(self, service, **request):
+        proxy = self.proxy(service)
         try:
             return proxy(**request)
         finally:
@@ -412,26 +415,21 @@ def test_the_cost_of_a_call(graph, files, tmp_path, capsys):
     with serving(store, *files, node=other.node), empty_service(), kbstore.open(store, "kenny") as kb:
         kb.add(*(f"r{number} - robot" for number in range(100)), *(f"(busy r{number})" for number in range(100)))
         nothing = rospy.ServiceProxy("/nothing", Empty)
-        many = other("state/propositions", predicate_name="busy")
+        predicates, query, propositions, update = map(
+            other.proxy, ("domain/predicates", "query_state", "state/propositions", "update")
+        )
+        fact, many = ITEMS.fact("at", AT_HALL), propositions(predicate_name="busy")
         found = {
             name: cost(call, python, nothing)
             for name, call, python in (
-                ("domain/predicates", lambda: other("domain/predicates"), lambda: kb.domain.predicates),
-                (
-                    "query_state",
-                    lambda: other("query_state", knowledge=[ITEMS.fact("at", AT_HALL)]),
-                    lambda: kb.query(at_hall),
-                ),
+                ("domain/predicates", predicates, lambda: kb.domain.predicates),
+                ("query_state", lambda: query(knowledge=[fact]), lambda: kb.query(at_hall)),
                 (
                     "state/propositions, 100 facts",
-                    lambda: other("state/propositions", predicate_name="busy"),
+                    lambda: propositions(predicate_name="busy"),
                     lambda: kb.propositions("busy"),
                 ),
-                (
-                    "update",
-                    lambda: other("update", update_type=ADD, knowledge=ITEMS.fact("at", AT_HALL)),
-                    lambda: kb.add(at_hall),
-                ),
+                ("update", lambda: update(update_type=ADD, knowledge=fact), lambda: kb.add(at_hall)),
             )
         }
 
