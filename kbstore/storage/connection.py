@@ -143,8 +143,8 @@ class StoreConnection(ABC):
         """All rows of several statements; from a server, in one trip."""
         return [self.all(statement, parameters) for statement, parameters in reads]
 
-    def lock_row(self, statement: Statement, parameters: Parameters) -> SqlRow | None:
-        """The first row of a statement that may wait for a lock; a long wait is logged."""
+    def lock_head(self, statement: Statement, parameters: Parameters) -> SqlRow | None:
+        """The head's row, for which others may have to be waited for; a long wait is logged."""
         started = time.monotonic()
         row = self.first(statement, parameters)
         self._log_wait(started)

@@ -2,9 +2,9 @@
 
 LISTEN needs a session of the server's own, so there is one more connection for each pool, with a thread that waits on
 it. Writers notify only where somebody listens, as NOTIFY takes a lock of the whole database at the commit: who listens
-to a knowledge base holds an advisory lock on it, shared, and a writer that gets it alone for its transaction need not
-notify. Who listens trusts its memory only from the moment on at which it has that lock: by then a writer that has not
-notified has committed. The lock goes when the connection goes.
+to a knowledge base holds an advisory lock on it, shared, and a writer that gets it alone, for its transaction and with
+the head, need not notify. Who listens trusts its memory only from the moment on at which it has that lock: by then a
+writer that does not notify has committed. The lock goes when the connection goes.
 
 What this process commits makes it forget at once, and what others commit when their notifications arrive. A transaction
 of the caller's is waited for, as nobody says when it is committed: until its notification arrives, nothing is
@@ -19,6 +19,8 @@ import time
 from collections.abc import Callable
 from contextlib import closing, suppress
 from typing import Any
+
+import sqlalchemy as sa
 
 from kbstore.errors import StoreUnavailable, one_line
 from kbstore.storage.connection import LOG, AnswerCache, inherited
@@ -38,19 +40,21 @@ _AGAIN = 0.05
 _PAUSE = 1.0
 """Seconds until a connection that was lost is made again."""
 
-ANNOUNCE = (
-    f"SELECT CASE WHEN NOT pg_try_advisory_xact_lock({_LOCK}, CAST(%(kb)s AS int))"
-    " THEN CAST(pg_notify(%(channel)s, %(number)s) AS text) END"
-)
-"""Notify of a transaction where somebody listens."""
+ANNOUNCE = "SELECT CAST(pg_notify(%(channel)s, %(number)s) AS text)"
+"""Notify of a transaction."""
 
-_SESSION = "SELECT pg_backend_pid(), pg_is_in_recovery()"
+_SESSION = "SELECT pg_backend_pid(), pg_is_in_recovery(), EXISTS (SELECT FROM pg_extension WHERE extname = 'citus')"
 
 _guard = threading.Lock()
 """Held for a moment by who changes what is subscribed or trusted, in all pools of the process."""
 
 _subscriptions: dict[int, tuple["Subscription", ...]] = {}
 """Those of the process, by knowledge base; their numbers are random, and as good as unique among databases."""
+
+
+def hears_nobody(kb: Any) -> Any:
+    """In a writer's statement: whether nobody listens to a knowledge base, and will until the transaction ends."""
+    return sa.func.pg_try_advisory_xact_lock(sa.literal_column(str(_LOCK)), kb)
 
 
 def channel(kb: int) -> str:
@@ -76,10 +80,10 @@ def _tell(kb: int, what: Callable[["Subscription"], None]) -> None:
 
 
 def refuse_shared(driver: Any, store: str) -> None:
-    """Raise `StoreUnavailable` where a connection cannot listen: through a pooler, and to a standby."""
+    """Raise `StoreUnavailable` where a connection cannot listen: through a pooler, to a standby, to Citus."""
     # a pooler makes its own number up, or hands on that of the session that it had first
     for _ in range(2):
-        pid, is_standby = driver.execute(_SESSION).fetchone()
+        pid, is_standby, is_distributed = driver.execute(_SESSION).fetchone()
         if pid != driver.info.backend_pid:
             raise StoreUnavailable(
                 f"{store}: notifications need a session of the server's own, and there is a pooler between; give the "
@@ -89,6 +93,9 @@ def refuse_shared(driver: Any, store: str) -> None:
         raise StoreUnavailable(
             f"{store}: a standby has no notifications; open it without, or give the address of the primary"
         )
+    if is_distributed:
+        # locks and notifications of one machine do not reach the others
+        raise StoreUnavailable(f"{store}: notifications do not go through Citus; open it without")
 
 
 class Subscription:

@@ -61,6 +61,8 @@ class PostgresqlConnection(StoreConnection):
         """Whether a transaction is begun with the next statement."""
         self._announced: list[tuple[int, int]] = []
         """The transactions that are to be committed, by knowledge base and number."""
+        self._unheard: set[int] = set()
+        """The knowledge bases to which nobody listens until this transaction ends."""
         self._pipeline: ExitStack | None = None
         """What has been sent, and not yet been answered."""
         self._patience: float | None = getattr(driver, "answer_timeout", None)
@@ -93,10 +95,20 @@ class PostgresqlConnection(StoreConnection):
             expect(kb, number)
         else:
             self._announced.append((kb, number))
-        try:
-            self._execute(ANNOUNCE, {"kb": kb, "channel": channel(kb), "number": str(number)})
-        except self._error as error:
-            raise self._failure(error) from error
+        if kb not in self._unheard:
+            try:
+                self._execute(ANNOUNCE, {"channel": channel(kb), "number": str(number)})
+            except self._error as error:
+                raise self._failure(error) from error
+
+    def lock_head(self, statement: Statement, parameters: Parameters) -> SqlRow | None:
+        """The head's row, for which others may have to be waited for; the last column says whether nobody listens."""
+        row = super().lock_head(statement, parameters)
+        if row is None:
+            return None
+        if row[-1]:
+            self._unheard.add(parameters["kb"])
+        return row[:-1]
 
     def look_up(self, statement: Lookup, *parameters: int) -> SqlRow | None:
         """The first row of a look-up, if any."""
@@ -190,11 +202,15 @@ class PostgresqlConnection(StoreConnection):
         super()._committed()
         for kb, number in self._announced:
             committed(kb, number)
+        self._forget_transaction()
+
+    def _forget_transaction(self) -> None:
         self._announced.clear()
+        self._unheard.clear()
 
     def rollback(self) -> None:
         """Roll the transaction back; a connection that is lost has done so already."""
-        self._announced.clear()
+        self._forget_transaction()
         if self._pipeline is not None:
             with suppress(self._error):
                 self._end_pipeline().close()

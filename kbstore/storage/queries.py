@@ -12,6 +12,7 @@ from sqlalchemy import and_, select
 from kbstore.clock import OPEN
 from kbstore.storage import tables
 from kbstore.storage.assertion_queries import HEAD_COLUMNS, ROW
+from kbstore.storage.notifications import hears_nobody
 from kbstore.storage.statements import KB, Batch, Statement, among, between, constant, insert, parameter
 
 _directory, _heads, _transactions = tables.knowledge_bases.c, tables.heads.c, tables.transactions.c
@@ -51,7 +52,14 @@ _head = select(*(_heads[name] for name in HEAD_COLUMNS)).where(_heads.kb_id == K
 
 head = Statement(_head)
 
-head_for_update = Statement(_head.with_for_update())
+
+def _head_for_update(dialect: str) -> Any:
+    locked = _head.with_for_update()
+    return locked if dialect == "sqlite" else locked.add_columns(hears_nobody(_heads.kb_id))
+
+
+head_for_update = Statement(_head_for_update)
+"""The head; on PostgreSQL, also whether nobody listens to the knowledge base (`kbstore.storage.notifications`)."""
 
 put_head = Statement(
     tables.heads.update().where(_heads.kb_id == KB).values({name: parameter(name) for name in HEAD_COLUMNS})

@@ -68,7 +68,7 @@ class Repository:
     def head(self, *, for_update: bool = False) -> Head:
         """Return the head in this snapshot; `for_update` makes other writers of this knowledge base wait."""
         if self._head is None or for_update:
-            read = self._connection.lock_row if for_update else self._connection.first
+            read = self._connection.lock_head if for_update else self._connection.first
             return self._see(read(queries.head_for_update if for_update else queries.head, {"kb": self._kb}))
         return self._head
 
