@@ -20,25 +20,8 @@ from tests.oracle import (
     Unsettled,
     Update,
 )
+from tests.oracle.rooms import DARK, DOMAIN, LIT, OPEN, SHUT, A, R, S, add, remove
 from tests.property import universe
-
-DOMAIN = RefDomain(
-    "rooms",
-    types={"place": "object", "robot": "object"},
-    predicates={"lit": (), "open": (("place",),)},
-    functions={"load": (("robot",),), "cost": ()},
-)
-A, R = Object("a", "place"), Object("r", "robot")
-OPEN, SHUT, LIT, DARK = Fact("open", ("a",)), Fact("open", ("a",), False), Fact("lit"), Fact("lit", (), False)
-S = 1_000_000_000
-
-
-def add(item, since=None, until=None, at=0):
-    return Update("add", item, at, since, until)
-
-
-def remove(item, since=None, until=None, at=0):
-    return Update("remove", item, at, since, until)
 
 
 def cost(value, rate=0.0):

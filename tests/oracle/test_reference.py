@@ -16,25 +16,7 @@ from tests.oracle import (
     Start,
     Update,
 )
-
-DOMAIN = RefDomain(
-    "rooms",
-    types={"place": "object", "room": "place", "robot": "object"},
-    constants={"home": "place"},
-    predicates={"lit": (), "open": (("place",),), "near": (("robot",), ("place",))},
-    functions={"load": (("robot",),), "cost": ()},
-)
-A, R = Object("a", "place"), Object("r", "robot")
-OPEN, NEAR, LIT = Fact("open", ("a",)), Fact("near", ("r", "a")), Fact("lit")
-S = 1_000_000_000
-
-
-def add(item, at=0):
-    return Update("add", item, at)
-
-
-def remove(item, at=0):
-    return Update("remove", item, at)
+from tests.oracle.rooms import DOMAIN, LIT, NEAR, OPEN, A, R, S, add, remove
 
 
 @pytest.fixture

@@ -7,30 +7,16 @@ compared with the naive reference at every event and one nanosecond to each side
 from contextlib import suppress
 from dataclasses import replace
 
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import kbstore
 from kbstore import Truth
-from tests.oracle import (
-    Fact,
-    Flow,
-    Limit,
-    Number,
-    Object,
-    RefAction,
-    RefDomain,
-    Reference,
-    Refused,
-    Start,
-    Unsettled,
-    Update,
-)
+from tests.oracle import Fact, Flow, Limit, Number, Object, RefAction, RefDomain, Start, Unsettled, Update
 from tests.oracle.overlay import expect
 from tests.property import translation
+from tests.property.acting import ActingAgreement
 from tests.property.test_model import EXAMPLES, SETTINGS
-from tests.property.test_runs import comparable, received
 from tests.property.universe import weighted
 
 QUARTER = 250_000_000
@@ -146,18 +132,12 @@ stories = st.lists(st.tuples(st.sampled_from([0, 1, 2, 2, 3, 4, 6]), steps), min
 beginnings = st.tuples(st.booleans(), st.frozensets(st.sampled_from(["open", "calm", "level", "inflow"]), max_size=2))
 
 
-class Acting:
-    """One knowledge base and its reference, doing the same; `every`: see the fixture."""
+class Acting(ActingAgreement):
+    """A knowledge base and its reference, doing the same."""
 
-    def __init__(self, kb, clock, every, use_unknowns, sensed):
-        self.kb = kb
-        self.every = every
-        self.clock = clock
-        self.reference = Reference(use_unknowns)
-        self.runs = {}
-        self.transactions = []
-        self.clock.set(BEGIN)
-        self._load(sensed)
+    def __init__(self, kb, clock, every, sensed):
+        clock.set(BEGIN)
+        super().__init__(kb, clock, DOMAIN, ACTIONS, sensed=sensed, every=every)
         for item in [
             *(Object("a", "tank"), Object("b", "tank"), Fact("calm"), Fact("open", ("a",))),
             *(Number("level", ("a",), 0.0), Number("level", ("b",), 2.0), Number("drift", (), 0.0)),
@@ -165,17 +145,6 @@ class Acting:
             *(Fact("full", (tank,), positive=False) for tank in "ab"),
         ]:
             self.write(Update("add", item))
-
-    def _load(self, sensed):
-        with self.kb.transaction() as tx:
-            tx.load(translation.pddl(DOMAIN, ACTIONS))
-            for name in sensed:
-                tx.set_sensed(name, True)
-        self.reference.write(self.clock.now(), [Update("domain", replace(DOMAIN, sensed=sensed))])
-
-    @property
-    def now(self):
-        return self.reference.now(self.clock.now())
 
     # -- doing ------------------------------------------------------------------------------------------------
 
@@ -195,43 +164,20 @@ class Acting:
                 start = Start(action, (tank,) if action.types else (), lasts * QUARTER, force)
                 self.write(Update("start", start))
             case _, (which,):
-                running = [start for start, run in self.runs.items() if run in self.kb.state().running]
+                running = [start for start, run in self.runs.items() if run in self._running()]
                 if running:
                     self.write(Update(what, running[which % len(running)]))
 
-    def write(self, update):
-        try:
-            changes = self.reference.write(self.clock.now(), [update])
-        except Unsettled:
-            return
-        except Refused as refusal:
-            if isinstance(update.item, Start) and update.what == "start":
-                self._not_applicable(update.item, refusal.error)
-            with pytest.raises(getattr(kbstore, refusal.error)):
-                self._perform(update)
-        else:
-            self._perform(update)
-            if changes:
-                last = self.reference.latest.number
-                self.transactions.append(next(iter(self.kb.changes(after=last - 1))).transaction)
-        self._compare(self.now)
-
-    def _not_applicable(self, start, error):
+    def refused(self, update, error):
         """O6, O7: what cannot be started is not applicable, unless it runs already."""
-        runs = {(run.operator, run.arguments) for run in self.kb.state().running}
-        if error == "NotApplicable" and (start.action.name, start.arguments) not in runs and not start.force:
+        start = update.item
+        if update.what != "start" or error != "NotApplicable" or start.force:
+            return
+        if (start.action.name, start.arguments) not in {(run.operator, run.arguments) for run in self._running()}:
             assert not self.kb.applicable(start.action.name, *start.arguments, duration=start.duration)
 
-    def _perform(self, update):
-        item = update.item
-        if isinstance(item, Start) and update.what == "start":
-            self.runs[item] = self.kb.start(item.action.name, *item.arguments, duration=item.duration, force=item.force)
-        elif isinstance(item, Start):
-            getattr(self.kb, update.what)(self.runs[item])
-        elif update.since is not None:
-            getattr(self.kb, update.what)(translation.sent(item), since=update.since, until=update.until)
-        else:
-            getattr(self.kb, update.what)(translation.sent(item), initial_time=update.at)
+    def _running(self):
+        return self.kb.state().running
 
     # -- comparing --------------------------------------------------------------------------------------------
 
@@ -248,24 +194,9 @@ class Acting:
 
     def compare_everything(self):
         times = self.times()
-        for at in times:
-            self._compare(at)
-        for transaction in self.transactions[:: max(1, len(self.transactions) // 3)]:
-            for at in times[transaction.number % 2 :: 2 * self.every]:
-                self._compare(at, as_of=transaction)
-                self._compare(at, as_of=transaction.time)
+        self.compare_states(times, 2)
         self._compare_when(times)
         self._compare_runs(times)
-
-    def _compare(self, at, as_of=None):
-        with suppress(Unsettled):
-            if as_of is None:
-                expected = self.reference.state(at, clock=self.clock.now())
-            elif isinstance(as_of, kbstore.Transaction):
-                expected = self.reference.state(at, number=as_of.number)
-            else:
-                expected = self.reference.state(at, as_of=as_of)
-            assert received(self.kb.state(at, as_of)) == comparable(expected), (at, as_of)
 
     def _world(self, at):
         """What is known now of a time, or expected of it."""
@@ -336,7 +267,7 @@ def test_what_acts_in_the_store_and_in_the_reference(open_kb, every):
         clock = kbstore.ManualClock(BEGIN)
         kb = open_kb(clock=clock, use_unknowns=beginning[0])
         try:
-            both = Acting(kb, clock, every, *beginning)
+            both = Acting(kb, clock, every, beginning[1])
             for tick, step in story:
                 both.step(tick, *step)
             both.compare_everything()

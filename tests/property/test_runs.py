@@ -1,30 +1,13 @@
-"""Random durative actions in kbstore and in the naive reference: what runs, what it moves, and what is expected of it.
+"""Random durative actions in kbstore and in the naive reference: what runs, moves, and is expected."""
 
-Values are compared to six decimals: in which order the contributions of what runs add up is not laid down.
-"""
-
-import contextlib
 from dataclasses import replace
 
-import pytest
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, rule, run_state_machine_as_test
 
 import kbstore
-from tests.oracle import (
-    Fact,
-    Flow,
-    Number,
-    Object,
-    RefAction,
-    RefDomain,
-    Reference,
-    Refused,
-    Start,
-    Unsettled,
-    Update,
-)
-from tests.property import translation
+from tests.oracle import Fact, Flow, Number, Object, RefAction, RefDomain, Start, Update
+from tests.property.acting import ActingAgreement
 from tests.property.test_model import SETTINGS
 from tests.property.universe import weighted
 
@@ -111,37 +94,21 @@ told = weighted(
 ticks = st.sampled_from([0, 1, 1, 2, 3, 4]).map(lambda halves: halves * HALF)
 
 
-def comparable(answer):
-    """An answer without what the rules leave open about moving functions: since when, with which rate, and rounding."""
-    values = frozenset((replace(item, value=round(item.value, 6), rate=0.0), 0) for item, _ in answer.functions)
-    return replace(answer, functions=values)
-
-
-def received(state):
-    """A state of kbstore with what runs in it."""
-    running = frozenset((run.operator, run.arguments, run.started, run.duration) for run in state.running)
-    return comparable(replace(translation.answer(state), running=running))
-
-
 class Missions(RuleBasedStateMachine):
-    """One knowledge base and its reference, doing the same; `every`: see the fixture."""
+    """A knowledge base and its reference, doing the same; `every`: see the fixture."""
 
     def __init__(self, open_kb, every):
         super().__init__()
         self.open_kb = open_kb
         self.every = every
         self.clock = kbstore.ManualClock(4 * HALF)
-        self.kb = None
-        self.runs = {}
-        self.transactions = []
+        self.both = None
         self.sound = True
 
     @initialize(use_unknowns=st.booleans())
     def begin(self, use_unknowns):
-        self.reference = Reference(use_unknowns)
-        self.kb = self.open_kb(clock=self.clock, use_unknowns=use_unknowns)
-        self.kb.load(translation.pddl(DOMAIN, ACTIONS))
-        self.reference.write(self.clock.now(), [Update("domain", DOMAIN)])
+        kb = self.open_kb(clock=self.clock, use_unknowns=use_unknowns)
+        self.both = ActingAgreement(kb, self.clock, DOMAIN, ACTIONS, every=self.every)
         for item in [
             *(Object("r", "robot"), Object("s", "robot"), Object("a", "place"), Object("b", "place")),
             *(Fact("ready", ("r",)), Fact("ready", ("s",)), Fact("lit"), Fact("clean", ("b",))),
@@ -150,18 +117,18 @@ class Missions(RuleBasedStateMachine):
             self._write(Update("add", item))
 
     def teardown(self):
-        if self.kb is None:
+        if self.both is None:
             return
         try:
             if self.sound:
-                self._compare_everything()
+                self.both.compare_states(self._times(), 1)
         finally:
-            self.kb.close()
+            self.both.kb.close()
 
     @rule(tick=ticks, update=told, ahead=st.sampled_from([0, 0, 1, 2, 3, 5]))
     def tell(self, tick, update, ahead):
         self.clock.advance(tick)
-        at = self._now() + ahead * HALF if ahead else 0
+        at = self.both.now + ahead * HALF if ahead else 0
         self._write(replace(update, at=at))
 
     @rule(
@@ -173,8 +140,8 @@ class Missions(RuleBasedStateMachine):
     )
     def tell_late(self, tick, update, ago, length, aside):
         self.clock.advance(tick)
-        since = max(0, self._now() - ago * HALF - aside)
-        until = None if length is None else min(self._now(), since + length * HALF)
+        since = max(0, self.both.now - ago * HALF - aside)
+        until = None if length is None else min(self.both.now, since + length * HALF)
         self._write(replace(update, since=since, until=until))
 
     @rule(tick=ticks, start=starts, duration=st.integers(1, 8), force=st.sampled_from([False, False, False, True]))
@@ -185,77 +152,24 @@ class Missions(RuleBasedStateMachine):
     @rule(tick=ticks, which=st.integers(0, 5), how=st.sampled_from(["end", "end", "abort"]))
     def stop(self, tick, which, how):
         self.clock.advance(tick)
-        if self.runs:
-            self._write(Update(how, list(self.runs)[which % len(self.runs)]))
+        if self.both.runs:
+            self._write(Update(how, list(self.both.runs)[which % len(self.both.runs)]))
 
     @rule(tick=ticks)
     def clear(self, tick):
         self.clock.advance(tick)
         self._write(Update("clear"))
 
-    def _now(self):
-        return self.reference.now(self.clock.now())
-
     def _write(self, update):
         self.sound = False
-        self._write_both(update)
+        self.both.write(update)
         self.sound = True
-
-    def _write_both(self, update):
-        try:
-            changes = self.reference.write(self.clock.now(), [update])
-        except Unsettled:
-            return
-        except Refused as refusal:
-            with pytest.raises(getattr(kbstore, refusal.error)):
-                self._perform(update)
-        else:
-            self._perform(update)
-            if changes:
-                last = self.reference.latest.number
-                self.transactions.append(next(iter(self.kb.changes(after=last - 1))).transaction)
-        self._compare(self._now())
-
-    def _perform(self, update):
-        item = update.item
-        if isinstance(item, Start):
-            if update.what == "start":
-                self.runs[item] = self.kb.start(
-                    item.action.name, *item.arguments, duration=item.duration, force=item.force
-                )
-            else:
-                getattr(self.kb, update.what)(self.runs[item])
-        elif update.what == "clear":
-            self.kb.clear()
-        elif update.since is not None:
-            getattr(self.kb, update.what)(translation.sent(item), since=update.since, until=update.until)
-        else:
-            getattr(self.kb, update.what)(translation.sent(item), initial_time=update.at)
 
     def _times(self):
         """Every half second at which something can happen, a nanosecond before each, and the time after."""
-        moments = {event.time for event in self.reference.events} | {self._now() + ahead * HALF for ahead in range(10)}
+        moments = {event.time for event in self.both.reference.events}
+        moments |= {self.both.now + ahead * HALF for ahead in range(10)}
         return sorted({t - before for t in moments for before in (0, 1)})
-
-    def _compare_everything(self):
-        times = self._times()
-        for at in times:
-            self._compare(at)
-        for index, transaction in enumerate(self.transactions[:: max(1, len(self.transactions) // 3)]):
-            for at in times[index % self.every :: self.every]:
-                self._compare(at, as_of=transaction.time)
-                self._compare(at, as_of=transaction)
-
-    def _compare(self, at, as_of=None):
-        # what the rules leave open (two things expected for one time) is not compared
-        with contextlib.suppress(Unsettled):
-            if as_of is None:
-                expected = self.reference.state(at, clock=self.clock.now())
-            elif isinstance(as_of, kbstore.Transaction):
-                expected = self.reference.state(at, number=as_of.number)
-            else:
-                expected = self.reference.state(at, as_of=as_of)
-            assert received(self.kb.state(at, as_of)) == comparable(expected)
 
 
 def test_missions_in_the_store_and_in_the_reference_agree(open_kb, every):
