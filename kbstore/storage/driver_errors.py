@@ -13,6 +13,9 @@ LASTING: Final = (*_DAMAGED, sqlite3.SQLITE_IOERR, sqlite3.SQLITE_CANTOPEN, sqli
 _LOCK_NOT_AVAILABLE: Final = "55P03"
 """PostgreSQL's error when `lock_timeout` is over."""
 
+_PREPARED_ELSEWHERE: Final = ("26000", "42P05")
+"""PostgreSQL's errors for a prepared statement that is not there, and for one that is there already."""
+
 
 def unavailable(error: BaseException, store: str, busy_timeout: float) -> StoreUnavailable:
     """Return the error to raise for one of a driver: what happened, in which store, and what to do."""
@@ -23,6 +26,11 @@ def unavailable(error: BaseException, store: str, busy_timeout: float) -> StoreU
         return StoreUnavailable(
             f"{store} has been locked by others for more than {busy_timeout:g} s ({reason}); try again, find out who "
             "holds the lock, or open it with a longer busy_timeout"
+        )
+    if getattr(error, "sqlstate", None) in _PREPARED_ELSEWHERE:
+        return StoreUnavailable(
+            f"{store}: {reason}; a pooler between does not keep the prepared statements of its clients apart: leave "
+            "prepare_threshold out of the URL"
         )
     if code in _DAMAGED:
         return StoreUnavailable(f"{store} is damaged, or not an SQLite database ({reason}); restore it from a backup")

@@ -16,6 +16,7 @@ import sqlalchemy as sa
 from sqlalchemy.pool import NullPool
 
 import kbstore
+from kbstore.storage.driver_errors import unavailable
 from tests.robustness.pooler import pooled
 
 PGBOUNCER = shutil.which("pgbouncer", path=f"{os.environ.get('PATH', '')}:/usr/sbin:/usr/local/sbin")
@@ -149,6 +150,12 @@ def test_nothing_is_prepared_behind_a_pooler(pooled_url):
     engine.dispose()
     with kbstore.open(url.update_query_dict({"prepare_threshold": "7"})) as kb, kb._database.connect() as connection:
         assert connection.driver.prepare_threshold == 7
+
+
+def test_what_to_do_where_prepared_statements_are_mixed_up():
+    """Who asks for them behind a pooler that does not know them is told what to leave out."""
+    for error in (psycopg.errors.InvalidSqlStatementName, psycopg.errors.DuplicatePreparedStatement):
+        assert "leave prepare_threshold out of the URL" in str(unavailable(error("_pg3_0"), "rooms", 30.0))
 
 
 def test_a_day_behind_a_pooler(pooled_url):
