@@ -245,6 +245,7 @@ class StoreConnection(ABC):
             raise failure from error
         self._committed()
 
+    @abstractmethod
     def _committing(self) -> None:
         """Do what may not be left out where an interrupt comes just after the commit."""
 

@@ -198,6 +198,9 @@ class PostgresqlConnection(StoreConnection):
         self._is_waiting = False
         self._execute, self._cursor = self.driver.execute, self.driver.cursor
 
+    def _committing(self) -> None:
+        """Do nothing: what a server is to notify of is among the statements before."""
+
     def _committed(self) -> None:
         super()._committed()
         for kb, number in self._announced:
