@@ -11,6 +11,7 @@ past states            valid time                     50,000 assertions         
 open rows              number of a timeline           50,000                    somebody else writes
 answers about now      question; of one connection,   50,000                    somebody commits to it, or it is told
                        or while notified                                        of that; a part changes by the clock
+parts of the present   which part; the same           50,000 assertions         the same
 answers of a `State`   question                       1,000 of each state       never wrong: a state never changes
 =====================  =============================  ========================  =====================================
 
