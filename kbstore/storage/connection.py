@@ -215,10 +215,14 @@ class StoreConnection(ABC):
         started = time.monotonic()
         try:
             self._execute(text, **how)
+            self._has_written = False
+            self.in_transaction = True
         except self._error as error:
             raise self._failure(error) from error
-        self._has_written = False
-        self.in_transaction = True
+        except BaseException:
+            # an interrupt, which takes effect when the wait for a lock is over and the transaction has begun
+            self.rollback()
+            raise
         if write:
             self._log_wait(started)
 

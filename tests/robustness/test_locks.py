@@ -133,6 +133,27 @@ def test_the_host_of_postgresql_may_have_another_isolation(postgresql_url, name)
     engine.dispose()
 
 
+def test_an_interrupt_while_a_writer_waits(shared_url, name):
+    """Ctrl-C takes effect when the lock has been got: the transaction that has begun by then is not left open."""
+    with kbstore.open(shared_url, name) as kb, kbstore.open(shared_url, name, busy_timeout=0.5) as other:
+        kb.add("(raining)")
+        with kb._database.connect() as connection:
+            execute = connection._execute
+
+            def interrupted(*arguments, **options):
+                execute(*arguments, **options)
+                raise KeyboardInterrupt
+
+            connection._execute = interrupted
+        with pytest.raises(KeyboardInterrupt):
+            kb.add("(open hall)")
+        with kb._database.connect() as connection:
+            driver = connection.driver
+            assert not (driver.in_transaction if connection.is_local else driver.info.transaction_status)
+        assert other.add("(open galley)").number == 2
+        assert kb.add("(open hall)").number == 3
+
+
 # -- lost connections to PostgreSQL ---------------------------------------------------------------------------------
 
 
