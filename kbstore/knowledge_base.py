@@ -838,7 +838,9 @@ class KnowledgeBase:
 
         found = applicability(Moment(self._explainer, world), read_state, operator, arguments, duration)
         until = point.valid_time
-        if isinstance(world, LazyState) and not world.is_moving and not whole:
+        # what fails by the action's own effects does so since the time that is asked about
+        since_then = any(condition.since == point.valid_time for condition in found.failing)
+        if isinstance(world, LazyState) and not (world.is_moving or whole or since_then):
             until = world.until
         return Computed(found.failing, 1 + len(found.failing), until)
 

@@ -130,6 +130,22 @@ def test_what_is_asked_together_is_answered_at_one_time(tmp_path):
             assert first == second
 
 
+def test_what_fails_by_an_action_itself_fails_since_it_is_asked(tmp_path):
+    """O1: an over-all condition that the at-start effects break fails from the time on at which one would start."""
+    clock = kbstore.ManualClock(START)
+    with kbstore.open(tmp_path / "store.db", clock=clock) as kb:
+        kb.load("""
+        (define (domain doors)
+          (:requirements :durative-actions)
+          (:predicates (shut))
+          (:durative-action pass :parameters () :duration (= ?duration 5)
+            :condition (over all (shut)) :effect (at start (not (shut)))))""")
+        kb.add("(shut)")
+        for _ in range(3):
+            clock.advance(1)
+            assert [condition.since for condition in kb.applicable("pass").failing] == [clock.now()]
+
+
 def test_an_interrupt_just_after_the_commit_leaves_no_old_answer(tmp_path, monkeypatch):
     """T3: Ctrl-C while the disk is waited for is raised after what was written is stored."""
 
