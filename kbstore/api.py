@@ -10,7 +10,6 @@ from kbstore.knowledge_base import KnowledgeBase
 from kbstore.names import check_knowledge_base
 from kbstore.reading.resolver import MAX_STEP, TOLERANCE
 from kbstore.storage import directory
-from kbstore.storage import schema as schemas
 from kbstore.storage.database import Database
 from kbstore.storage.engine import BUSY_TIMEOUT
 from kbstore.transfer.push import Pushed, pushing
@@ -71,8 +70,7 @@ def open(
         notifications=notifications,
     )
     try:
-        with database.wrap_errors():
-            schemas.ensure(database.engine, read_only=read_only, schema=database.schema)
+        database.ensure_schema(read_only=read_only)
         return KnowledgeBase(
             database,
             name,
@@ -93,8 +91,7 @@ def knowledge_bases(url: str | os.PathLike[str] | URL | Engine, *, schema: str |
     """Return the names of the knowledge bases in a store; `url`, `schema` and errors are those of `open`."""
     database = Database(url, read_only=True, schema=schema)
     try:
-        with database.wrap_errors():
-            schemas.ensure(database.engine, read_only=True, schema=database.schema)
+        database.ensure_schema(read_only=True)
         with database.read() as connection:
             return directory.names(connection)
     finally:

@@ -34,7 +34,7 @@ class Connections(ABC):
         self._file: tuple[int, int] | None = None
         self._local = threading.local()
         self._open: set[StoreConnection] = set()
-        self._opening = threading.RLock()
+        self.opening = threading.RLock()
         """Held where a thread gets its first connection, and during a fork."""
         self._held: list[Any] = []
         self._is_forking = False
@@ -107,7 +107,7 @@ class Connections(ABC):
             # a server is spoken to by whoever has the connection
             return True
         self._is_forking = True
-        return held(self._opening) and all(map(held, self._locks()))
+        return held(self.opening) and all(map(held, self._locks()))
 
     def let_go(self) -> None:
         """After a fork: other threads may go on."""
@@ -132,7 +132,7 @@ class Connections(ABC):
         self.engine.dispose(close=closing)
         self._open = set()
         self._local = threading.local()
-        self._opening = threading.RLock()
+        self.opening = threading.RLock()
         self._held = []
         self._is_forking = False
         return closing or not self._is_sqlite
@@ -163,7 +163,7 @@ class ThreadConnections(Connections):
                 connection = self._connect()
             if self._is_forking and not connection.uses:
                 # after the fork, which would otherwise hardly get hold of what a busy thread takes again and again
-                with self._opening:
+                with self.opening:
                     pass
             # taken by another thread of a store in memory, by a fork, or by `close`
             if not connection.lock.acquire(blocking=False):
@@ -188,7 +188,7 @@ class ThreadConnections(Connections):
             self._drop_unused(connection)
 
     def _connect(self) -> SqliteConnection:
-        with self._opening:
+        with self.opening:
             self._refuse_closed()
             if self._one is not None:
                 return self._one
@@ -249,7 +249,7 @@ class ThreadConnections(Connections):
             connection.lock.release()
 
     def _drop(self, connection: StoreConnection) -> None:
-        with self._opening:
+        with self.opening:
             if connection not in self._open:
                 return
             self._open.remove(connection)
@@ -262,7 +262,7 @@ class ThreadConnections(Connections):
 
     def close(self) -> None:
         """Close the connections; a transaction that a thread has under way may go on to its end."""
-        with self._opening:
+        with self.opening:
             if self.is_closed:
                 return
             self.is_closed = True

@@ -17,6 +17,7 @@ from kbstore.storage.connection import Options, Parameters, SqlRow, StoreConnect
 from kbstore.storage.connections import ThreadConnections
 from kbstore.storage.engine import BUSY_TIMEOUT, make_engine, parsed_url, refuse_others, schema_of
 from kbstore.storage.pools import LentConnections, PooledConnections, ServerConnections, ServerPool
+from kbstore.storage.schema import ensure
 from kbstore.storage.server_engine import wants_notifications
 from kbstore.storage.sqlite_connection import SqliteConnection
 from kbstore.storage.statements import Statement
@@ -78,6 +79,12 @@ class Database:
         """Forget what is remembered while notifications arrive: the store has gone back."""
         if isinstance(self._connections, ServerConnections):
             self._connections.forget_answers()
+
+    def ensure_schema(self, *, read_only: bool) -> None:
+        """Set up an empty store, and refuse one whose schema this kbstore does not read (see `schema.ensure`)."""
+        # what is connected to a file meanwhile is kept for the thread, and a fork waits for it
+        with self.wrap_errors(), self._connections.opening:
+            ensure(self.engine, read_only=read_only, schema=self.schema)
 
     def connect(self) -> "_Checkout":
         """A connection for single statements, each on the latest commit."""

@@ -2,11 +2,12 @@
 
 import os
 from pathlib import Path
+from typing import Any
 
 from sqlalchemy import Engine, create_engine
 from sqlalchemy.engine import URL, make_url
 from sqlalchemy.exc import ArgumentError, NoSuchModuleError
-from sqlalchemy.pool import NullPool, StaticPool
+from sqlalchemy.pool import StaticPool
 
 from kbstore.errors import StoreUnavailable
 from kbstore.storage.server_engine import server_engine
@@ -18,7 +19,8 @@ BUSY_TIMEOUT = 30.0
 def make_engine(url: str | os.PathLike[str] | URL, *, busy_timeout: float = BUSY_TIMEOUT) -> Engine:
     """An engine for a SQLAlchemy URL, or for the path of an SQLite file.
 
-    It pools nothing: a `Database` keeps its connections itself. `kbstore.storage.server_engine` has the parameters of
+    A `Database` keeps its connections itself; the pool only hands it the one by which the schema of a file was checked,
+    as SQLite takes 5 ms to read the schema on a new one. `kbstore.storage.server_engine` has the parameters of
     a server's URL that are kbstore's own.
     """
     parsed = parsed_url(url)
@@ -28,7 +30,8 @@ def make_engine(url: str | os.PathLike[str] | URL, *, busy_timeout: float = BUSY
             return server_engine(parsed, busy_timeout)
         arguments = {"timeout": busy_timeout, "check_same_thread": False}
         in_memory = parsed.database in (None, "", ":memory:") or parsed.query.get("mode") == "memory"
-        return create_engine(parsed, connect_args=arguments, poolclass=StaticPool if in_memory else NullPool)
+        pool: dict[str, Any] = {"poolclass": StaticPool} if in_memory else {"pool_size": 1, "max_overflow": -1}
+        return create_engine(parsed, connect_args=arguments, **pool)
     except NoSuchModuleError as error:
         raise StoreUnavailable(f"{parsed.drivername} is not a kind of database that is installed: {error}") from None
     except ModuleNotFoundError as error:

@@ -102,7 +102,7 @@ class ServerConnections(PooledConnections):
 
     def close(self) -> None:
         """Let nobody check out any more; the last user of the pool closes it."""
-        with self._opening:
+        with self.opening:
             if self.is_closed:
                 return
             self.is_closed = True
@@ -247,7 +247,7 @@ class LentConnections(PooledConnections):
 
     def _new_lock(self) -> Any:
         """The lock of a thread that comes here for the first time; held while it is within the database."""
-        with self._opening:
+        with self.opening:
             lock = self._local.lock = threading.RLock()
             self._thread_locks.add(lock)
         return lock

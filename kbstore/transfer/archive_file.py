@@ -10,7 +10,7 @@ from pathlib import Path
 
 from kbstore.clock import isoformat
 from kbstore.errors import HistoryUnavailable, InvalidKnowledge, StoreUnavailable
-from kbstore.storage import directory, schema
+from kbstore.storage import directory
 from kbstore.storage.connection import StoreConnection
 from kbstore.storage.database import Database
 from kbstore.storage.memory import StoreMemory
@@ -43,8 +43,7 @@ class ArchiveFile:
         _mark(path)
         database = Database(path)
         try:
-            with database.wrap_errors():
-                schema.ensure(database.engine, read_only=False)
+            database.ensure_schema(read_only=False)
             sync_directory(path)
             yield cls(database, path, name)
         finally:

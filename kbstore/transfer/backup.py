@@ -6,7 +6,7 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any
 
-from kbstore.storage import directory, schema
+from kbstore.storage import directory
 from kbstore.storage.database import Database
 from kbstore.transfer.rows import Progress, RowSource, RowTarget, Steps, Store, copy, new_file, opened
 
@@ -60,8 +60,7 @@ def _copy_file(database: Database, path: Path, progress: Progress | None) -> Non
 def _copy_rows(database: Database, path: Path, progress: Progress | None) -> None:
     copied = Database(path)
     try:
-        with copied.wrap_errors():
-            schema.ensure(copied.engine, read_only=False)
+        copied.ensure_schema(read_only=False)
         with database.read() as source, copied.begin() as target:
             source.be_patient()
             sources = [RowSource(source, name) for name in directory.names(source)]

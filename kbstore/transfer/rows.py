@@ -13,7 +13,7 @@ from sqlalchemy.engine import URL
 
 from kbstore.clock import OPEN
 from kbstore.errors import InvalidKnowledge, StoreUnavailable
-from kbstore.storage import directory, schema
+from kbstore.storage import directory
 from kbstore.storage.connection import StoreConnection
 from kbstore.storage.database import Database
 from kbstore.storage.interval_tree import EMPTY_LEVEL, level, node, superseded
@@ -183,8 +183,7 @@ def opened(url: Store, *, writing: bool = False) -> Iterator[Database]:
     # a connection of the caller's engine may be shared, and its settings stay as they are
     database = Database(url, read_only=not writing and not isinstance(url, Engine))
     try:
-        with database.wrap_errors():
-            schema.ensure(database.engine, read_only=not writing, schema=database.schema)
+        database.ensure_schema(read_only=not writing)
         yield database
     finally:
         database.close()

@@ -545,3 +545,24 @@ def test_engines_that_kbstore_makes():
     assert isinstance(make_engine(":memory:").pool, StaticPool)
     assert isinstance(make_engine("sqlite://").pool, StaticPool)
     assert make_engine("postgresql://h/d").url.drivername == "postgresql+psycopg"
+
+
+def test_a_file_is_opened_by_one_connection(tmp_path):
+    """The connection by which the schema is checked is the one that the thread goes on with."""
+    made = []
+
+    def count(driver, _):
+        made.append(driver)
+
+    sa.event.listen(sa.Engine, "connect", count)
+    try:
+        for _ in range(2):
+            with kbstore.open(tmp_path / "store.db") as kb:
+                kb.add("(here)")
+                assert kb.holds("(here)")
+    finally:
+        sa.event.remove(sa.Engine, "connect", count)
+    assert len(made) == 2
+    for driver in made:
+        with pytest.raises(sqlite3.ProgrammingError, match="closed"):
+            driver.execute("SELECT 1")
