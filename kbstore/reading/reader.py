@@ -133,7 +133,7 @@ class Reader:
     def state_at(self, at: TimeLike | None, as_of: AsOf | None) -> State:
         """The state that a question means."""
         with self.repository() as repository:
-            t = at if isinstance(at, int) and as_of is None and 0 <= at < TIME_LIMIT else None
+            t = at if type(at) is int and as_of is None and 0 <= at < TIME_LIMIT else None
             if t is not None and self.database.dialect == "postgresql" and self._states.find(t) is None:
                 repository.read_state(t)
             return self.state(repository, self.resolver.resolve(repository, at, as_of))
