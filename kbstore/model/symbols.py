@@ -23,10 +23,10 @@ class InferredSignature(NamedTuple):
 
 @dataclass
 class SymbolTable:
-    """The symbols that items may use; the inferred signatures in `shapes` count only without a domain."""
+    """The symbols that items may use: those of the domain, or, without one, those in `inferred`."""
 
     domain: Domain | None = None
-    shapes: dict[tuple[KnowledgeType, str], InferredSignature] = field(default_factory=dict)
+    inferred: dict[tuple[KnowledgeType, str], InferredSignature] = field(default_factory=dict)
 
     def signature(self, kind: KnowledgeType, name: str) -> Signature | None:
         """The domain's declaration of a predicate or function; None without a domain. Raises `UnknownSymbol`."""
@@ -45,17 +45,17 @@ class SymbolTable:
             signature = symbols.get(name)
             if signature is not None and len(signature.labels) == arity:
                 return signature.labels
-        shape = self.shapes.get((kind, name))
-        if shape is not None and shape.labels is not None and len(shape.labels) == arity:
-            return shape.labels
+        inferred = self.inferred.get((kind, name))
+        if inferred is not None and inferred.labels is not None and len(inferred.labels) == arity:
+            return inferred.labels
         return _numbered(arity)
 
     def is_function(self, name: str) -> bool:
         """Return whether a name is that of a numeric function, and not of a predicate as well."""
         if self.domain is not None:
             return key(name) in self.domain.function_signatures and key(name) not in self.domain.predicate_signatures
-        shapes = self.shapes
-        return (KnowledgeType.FUNCTION, key(name)) in shapes and (KnowledgeType.FACT, key(name)) not in shapes
+        inferred = self.inferred
+        return (KnowledgeType.FUNCTION, key(name)) in inferred and (KnowledgeType.FACT, key(name)) not in inferred
 
     def known(self, kind: KnowledgeType, name: str) -> bool:
         """Return whether a predicate or function may be asked about; without a domain, any may."""
@@ -79,16 +79,16 @@ class SymbolTable:
             wrong = arity_problem(atom, signature)
             spelled, known, declared = signature.name, signature.labels, str(signature)
         else:
-            shape = self.shapes.get((kind, key(name)))
-            if shape is None:
+            inferred = self.inferred.get((kind, key(name)))
+            if inferred is None:
                 _refuse_repeated(atom, labels)
                 return name, atom.arguments
-            spelled, known = shape.name, shape.labels or _numbered(shape.arity)
-            declared = f"{shape.name} was first used with {_count(shape.arity, 'argument')}"
-            if shape.labels is not None:
-                declared += f", labelled {', '.join(shape.labels)}"
-            wrong = None if len(arguments) == shape.arity else _wrong_arity(atom, declared)
-            if shape.labels is None and wrong is None:
+            spelled, known = inferred.name, inferred.labels or _numbered(inferred.arity)
+            declared = f"{inferred.name} was first used with {_count(inferred.arity, 'argument')}"
+            if inferred.labels is not None:
+                declared += f", labelled {', '.join(inferred.labels)}"
+            wrong = None if len(arguments) == inferred.arity else _wrong_arity(atom, declared)
+            if inferred.labels is None and wrong is None:
                 _refuse_repeated(atom, labels)
                 return spelled, atom.arguments
         if wrong:
@@ -108,13 +108,13 @@ class SymbolTable:
         """Record the signature of a symbol's first use, and its first labels; return it if that is new."""
         if self.domain is not None:
             return None
-        known = self.shapes.get((kind, key(name)))
+        known = self.inferred.get((kind, key(name)))
         given = tuple(labels) if labels and all(labels) else None
         if known is not None and (known.labels is not None or given is None):
             return None
-        shape = InferredSignature(known.name if known else name, arity, given)
-        self.shapes[kind, key(name)] = shape
-        return shape
+        inferred = InferredSignature(known.name if known else name, arity, given)
+        self.inferred[kind, key(name)] = inferred
+        return inferred
 
 
 @lru_cache(maxsize=64)

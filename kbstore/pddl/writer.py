@@ -6,31 +6,12 @@ from typing import Protocol
 from kbstore.clock import SECOND
 from kbstore.messages import Expression, Fact, Function, Goal, Inequality, Instance, KnowledgeItem, format_number
 from kbstore.model.domain import ROOT_TYPE, Domain
+from kbstore.model.results import Run
 from kbstore.names import key
 from kbstore.pddl.parse import is_initial
 from kbstore.pddl.strict_names import identifier, is_strict
 
 _NAMES_PER_LINE = 10
-
-
-class RunningActionLike(Protocol):
-    """An action that runs; times in nanoseconds."""
-
-    @property
-    def operator(self) -> str:
-        """The action's name."""
-
-    @property
-    def arguments(self) -> Sequence[str]:
-        """The objects of its parameters."""
-
-    @property
-    def started(self) -> int:
-        """The time at which it started."""
-
-    @property
-    def duration(self) -> int:
-        """The expected duration, in nanoseconds."""
 
 
 class StateLike(Protocol):
@@ -85,11 +66,11 @@ class StateLike(Protocol):
         """The items that take effect later, each at its `initial_time`."""
 
     @property
-    def running(self) -> Sequence[RunningActionLike]:
+    def running(self) -> Sequence[Run]:
         """The actions that run."""
 
     @property
-    def end_effects(self) -> Sequence[tuple[int, KnowledgeItem, RunningActionLike]]:
+    def end_effects(self) -> Sequence[tuple[int, KnowledgeItem, Run]]:
         """The expected changes at the ends of running actions: time, item, run."""
 
 
@@ -189,10 +170,9 @@ def _running(state: StateLike) -> Iterator[str]:
     """Write the end effects of each action that runs, after a comment that names it (rule O4)."""
     declared = _declared(state) if state.domain else None
     for run in state.running:
-        action = f"({' '.join((run.operator, *run.arguments))})"
-        past, left = state.at - run.started, run.started + run.duration - state.at
+        past, left = state.at - run.started, run.expected_end - state.at
         end = f"its end is expected in {_seconds(left)} s" if left > 0 else f"its end is late by {_seconds(-left)} s"
-        yield f"    ; {action} has been running for {_seconds(max(0, past))} s, {end}"
+        yield f"    ; {run.action} has been running for {_seconds(max(0, past))} s, {end}"
         for time, item, owner in state.end_effects:
             if owner == run:
                 yield from _timed_line(item, time - state.at, declared)

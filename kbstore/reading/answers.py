@@ -1,9 +1,9 @@
 """Answers to single questions: remembered, or read from one timeline, or evaluated on the state.
 
-An answer about now is remembered for the connection that gave it, until somebody commits to the knowledge base or the
-clock reaches the time at which one of the parts of the question changes; where numbers that move decide it, what it was
-computed from is remembered. Otherwise a question that one timeline decides takes one statement, and any other is
-evaluated on as much of the state as it reads (`kbstore.reading.lazy_state`).
+An answer about now is cached for the connection that computed it, until somebody commits to the knowledge base or the
+clock reaches the time at which a part of the question changes. If moving numbers decide it, the assertions that it was
+computed from are cached instead. An answer that is not cached takes one statement where one timeline decides it; any
+other is evaluated on as much of the state as it reads (`kbstore.reading.lazy_state`).
 """
 
 from collections.abc import Callable, Sequence
@@ -35,19 +35,16 @@ _Value = TypeVar("_Value")
 _Answer = Truth | float
 
 _Found = tuple[int, int, "_Answer | Number | _Moving"]
-"""An answer, or what it is computed from, and the span of time in which that is right if nobody commits.
-
-That is ``since <= t < until``.
-"""
+"""Since, until, and an answer, or what computes it: valid for ``since <= t < until``, until somebody commits."""
 
 
 class _Moving(NamedTuple):
-    """What the answer to a question is computed from where numbers that move decide it.
+    """A question that moving numbers decide, to be evaluated again at later times.
 
     Attributes:
         prepared: the question.
-        premises: what it reads.
-        answer: what it was.
+        premises: the assertions that it reads.
+        answer: the answer when they were read.
     """
 
     prepared: _Prepared
@@ -55,19 +52,23 @@ class _Moving(NamedTuple):
     answer: _Answer
 
     def at(self, t: int) -> _Answer | None:
-        """The answer at a time in nanoseconds; None where that needs more than has been read, or checked."""
+        """Return the answer at a time in nanoseconds; None if that needs more than has been read or checked."""
         try:
             answer = self.prepared.evaluate(self.premises.later(t))
         except (NotRead, KbStoreError):
             return None
-        # whether a question can be meant has been checked where the answer depends on it (rule V10)
+        # types were checked for the earlier answer; another one may depend on types that were not (rule V10)
         return answer if answer == self.answer or not _needs_check(self.prepared, answer) else None
 
 
 class Computed(NamedTuple, Generic[_Value]):
-    """What has been computed of a state, its size in assertions, and the time at which the clock may change it.
+    """A value computed from a state.
 
-    That is the time of the state where it is not to be remembered.
+    Attributes:
+        value: the value.
+        size: its size in assertions.
+        until: the time, in nanoseconds, at which the clock may change it; the state's own time if it is not to be
+            cached.
     """
 
     value: _Value
@@ -76,7 +77,13 @@ class Computed(NamedTuple, Generic[_Value]):
 
 
 class _Form(NamedTuple):
-    """The questions of one form: what has been prepared of them, how one is, and which answers are remembered."""
+    """What differs between conditions and expressions.
+
+    Attributes:
+        prepared: the cache of prepared questions.
+        prepare: how a question is prepared.
+        remembered: the attribute of the connection's memory that caches the answers.
+    """
 
     prepared: LRU[Any, Any]
     prepare: Callable[[Question, SymbolTable], _Prepared]
@@ -87,7 +94,7 @@ _COMPUTED = (Number, _Moving)
 
 
 class Answers:
-    """Answers questions about one knowledge base; without `caching`, remembers nothing."""
+    """Answers questions about one knowledge base; without `caching`, each is answered from the store."""
 
     def __init__(self, reader: Reader, clock: Clock, *, caching: bool) -> None:
         questions = reader.questions
@@ -101,13 +108,13 @@ class Answers:
         self._expressions = _Form(questions.expressions, questions.expression, "values")
 
     def truth(self, question: Question, at: TimeLike | None = None, as_of: AsOf | None = None) -> Truth:
-        """The truth value of a condition at a time, as of another."""
+        """Return the truth value of a condition at a time, as of another."""
         return self._ask(self._conditions, question, at, as_of)  # type: ignore[return-value]
 
     def value(self, question: Question, at: TimeLike | None = None, as_of: AsOf | None = None) -> float:
-        """The value of an expression at a time, as of another.
+        """Return the value of an expression at a time, as of another.
 
-        Raises `UndefinedFunction` or `DivisionByZero` where it has none.
+        Raises `UndefinedFunction` or `DivisionByZero` if it has none.
         """
         return self._ask(self._expressions, question, at, as_of)  # type: ignore[return-value]
 
@@ -117,7 +124,7 @@ class Answers:
         compute: Callable[[Repository, TemporalPoint], Computed[_Value]],
         at: TimeLike | None = None,
     ) -> _Value:
-        """What is computed of the state at a time, which no caller changes; remembered by a name, if it has one."""
+        """Return a value computed from the state at a time, cached by `name` if it has one; no caller may change it."""
         connection = self._database.checkout()
         try:
             is_remembered = self._remembers and at is None and name is not None
@@ -141,7 +148,7 @@ class Answers:
         read: Callable[[Repository, TemporalPoint], tuple[Sequence[KnowledgeItem | Condition], Domain | None]],
         at: TimeLike | None = None,
     ) -> tuple[list[KnowledgeItem | Condition], Domain | None]:
-        """The items of a part of the state at a time, as `read` reads them, and the domain then."""
+        """Return the items of a part of the state at a time, as `read` reads them, and the domain then."""
 
         def compute(
             repository: Repository, point: TemporalPoint
@@ -155,7 +162,7 @@ class Answers:
         return list(items), domain
 
     def is_quick(self, question: Question) -> bool:
-        """Return whether one timeline decides a question, on a connection that this thread has, as far as is known."""
+        """Return whether a question is known to take at most one statement, on a connection of this thread's own."""
         key = self._domains.latest.domain, question if type(question) is str else question_key(question)
         found = self._conditions.prepared.get(key) or self._expressions.prepared.get(key)
         return self._database.is_local and self._remembers and found is not None and found.key is not None
@@ -173,9 +180,9 @@ class Answers:
                     return remembered
             found = None
             if as_of is None and not isinstance(at, str):
-                # before what is prepared is looked up: what is prepared is as old as what had been seen, or newer
+                # first the repository, then the prepared question: so it is not older than the repository has seen
                 repository = Repository(connection, self._reader.kb, self._reader.memory)
-                # text may be relative to now, which the resolver knows
+                # times in text are left to the resolver: they may be relative to now
                 prepared = form.prepared.get((self._domains.latest.domain, name))
                 if prepared is not None and prepared.key is not None:
                     found = self._from_timeline(repository, prepared, at, look_ahead=answers is not None)
@@ -192,7 +199,7 @@ class Answers:
 
     @staticmethod
     def _remembered(answers: LRU[Any, Any], name: object, now: int) -> _Answer | None:
-        """The answer that is remembered, if it is right now."""
+        """Return the cached answer, if it is valid now."""
         known: _Found | None = answers.get(name)
         if known is None:
             return None
@@ -204,7 +211,7 @@ class Answers:
     def _from_timeline(
         self, repository: Repository, prepared: _Prepared, at: TimeLike | None, *, look_ahead: bool
     ) -> _Found | None:
-        """The answer by what holds on a single timeline; None where one statement is not enough."""
+        """Return the answer by what holds on a single timeline; None if one statement is not enough."""
         generation, timeline = prepared.timeline
         if timeline is None or generation != repository.generation:
             assert prepared.key is not None
@@ -242,7 +249,7 @@ class Answers:
     def _from_state(
         self, form: _Form, question: Question, at: TimeLike | None, as_of: AsOf | None, *, look_ahead: bool
     ) -> _Found:
-        """The answer by an evaluation, on as much of the state as that reads."""
+        """Evaluate the question, on as much of the state as it reads."""
         reader = self._reader
         with reader.repository() as repository:
             point = self._resolver.resolve(repository, at, as_of)
@@ -268,7 +275,7 @@ class Answers:
             memory = connection.memory(self._reader.kb) if self._remembers and at is None else None
             domain = self._domains.latest.domain
             if memory is not None and domain is not None:
-                # all of one commit, and at one time
+                # the cached answers are all of the latest commit; one reading of the clock makes them of one time
                 now = self._clock.now()
                 known = [self._remembered(memory.truths, name, now) for name in names]
                 if None not in known:
@@ -291,7 +298,7 @@ class Answers:
     def _evaluate(
         self, prepared: _Prepared, repository: Repository, world: LazyState | Snapshot, token: int
     ) -> _Answer:
-        """The answer in a world. Raises `InvalidKnowledge` for a question that cannot be meant then (rule V10)."""
+        """Return the answer in a world. Raises `InvalidKnowledge` if an object is of a wrong type (rule V10)."""
         try:
             answer: _Answer = prepared.evaluate(world)
         except KbStoreError:
@@ -310,7 +317,8 @@ class Answers:
     def _is_plausible(prepared: _Prepared, repository: Repository, token: int, domain: Domain | None) -> bool:
         """Return whether no object in a question has ever been of a type that its parameter excludes (rule V10).
 
-        Looked up once, and again when an object has been recorded; only where an answer depends on it: what holds fits.
+        Looked up once, and again when an object has been recorded. Callers need it only if nothing is asserted on the
+        timeline: an assertion was checked when it was recorded.
         """
         if not prepared.named:
             return True
@@ -334,5 +342,5 @@ class Answers:
 
 
 def _needs_check(prepared: _Prepared, answer: _Answer) -> bool:
-    """Return whether an answer is right only for a question that can be meant (rule V10)."""
+    """Return whether an answer is right only if the objects are of the right types (rule V10)."""
     return not prepared.proves_types or answer in (Truth.FALSE, Truth.UNKNOWN)

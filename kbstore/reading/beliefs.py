@@ -1,4 +1,4 @@
-"""Beliefs about one valid time, over transaction time: since when something was known, or thought (rule L4)."""
+"""Beliefs about one valid time, over transaction time: what was believed of it, and since when (rule L4)."""
 
 from kbstore.clock import TimeLike, time
 from kbstore.messages import KnowledgeType, Truth
@@ -34,7 +34,7 @@ def beliefs(reader: Reader, repository: Repository, condition: Question, at: Tim
         elif found[-1][2] is not truth:
             found[-1] = (found[-1][0], moment, found[-1][2])
             found.append((moment, None, truth))
-        # what runs is expected to end, until that time has come
+        # a run is expected to end, and once that time has come without its end, the expectation changes
         until = moments[0] if moments else now.valid_time + 1
         expected = {run.started + run.duration for run in point.running}
         moments[:0] = sorted(end for end in expected if moment < end < until)
@@ -42,7 +42,7 @@ def beliefs(reader: Reader, repository: Repository, condition: Question, at: Tim
 
 
 def _moments(repository: Repository, now: TemporalPoint, formula: Formula, domain: Domain | None, at: int) -> list[int]:
-    """The times of the transactions that may have changed what is believed of a time, and that time itself."""
+    """Return the times of the transactions that may have changed the belief about a time, and that time itself."""
     head = now.head
     first = repository.first_transaction_from(head.history_from)
     if first is None:
@@ -50,7 +50,7 @@ def _moments(repository: Repository, now: TemporalPoint, formula: Formula, domai
     numbers = {first}
     timelines = _timelines(repository, formula, domain)
     if timelines is None or head.last_run:
-        # what runs has effects that are expected, and derived predicates read what they like
+        # runs have expected effects, and derived predicates may read any timeline
         numbers = set(range(first, head.number + 1))
     else:
         numbers |= {row[2] for row in repository.domain_versions()}
@@ -66,9 +66,9 @@ def _moments(repository: Repository, now: TemporalPoint, formula: Formula, domai
 
 
 def _timelines(repository: Repository, formula: Formula, domain: Domain | None) -> list[Timeline] | None:
-    """The timelines that may decide a condition; None where that is unknown."""
+    """Return the timelines that may decide a condition; None if that may be any."""
     found: list[Timeline] = []
-    # which objects there are matters to quantifiers, wildcards and types
+    # quantifiers, wildcards and types depend on which objects exist
     asks_for_objects = any(isinstance(node, Exists | Forall | IsA) for node, _, _ in walk(formula, {}))
     for kind, atom in atoms_in(formula):
         if kind is KnowledgeType.FACT and domain is not None and domain.is_derived(atom.name):

@@ -1,4 +1,4 @@
-"""Following a condition: its truth now, and each change of it as it happens (rule Q9)."""
+"""Follows a condition: its truth now, and each change of it as it happens (rule Q9)."""
 
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
@@ -17,15 +17,16 @@ from kbstore.storage.records import LogPosition
 from kbstore.storage.repository import Repository
 
 TruthChange = tuple[int, Truth, Transaction | None]
-"""A time, the truth from then on, and the transaction that made it so; None: the clock alone."""
+"""A time in nanoseconds, the truth from then on, and the transaction that changed it; None if the clock alone did."""
 
 Piece = tuple[int, Truth]
+"""A time in nanoseconds, and the truth from then on."""
 
 
 class ConditionWatch(Watch[TruthChange]):
-    """Follows one condition from now on.
+    """Iterates over the truth of one condition, from now on.
 
-    Raises what asking for its truth raises; later also where it cannot be answered any more.
+    Raises what `KnowledgeBase.truth` raises; also during the iteration, if the condition cannot be answered any more.
     """
 
     def __init__(
@@ -66,14 +67,14 @@ class ConditionWatch(Watch[TruthChange]):
         return True
 
     def _as_formula(self, repository: Repository, now: TemporalPoint) -> Formula:
-        """The condition, as the domain reads it that is in force; another version may not know it."""
+        """Read the condition under the domain in force. Raises `UnknownSymbol` if a new version lacks a symbol."""
         symbols = self._reader.symbols_at(repository, now)
         return self._reader.questions.condition(self._condition, symbols).formula
 
     def _changes(
         self, repository: Repository, pieces: Sequence[Piece], new: Sequence[Transaction]
     ) -> Iterator[TruthChange]:
-        """The changes of the truth within pieces that begin where the last look ended."""
+        """Yield the changes of the truth within pieces that begin where the last look ended."""
         truth = self._truth
         for time, value in pieces:
             if value is not truth:
@@ -83,7 +84,7 @@ class ConditionWatch(Watch[TruthChange]):
     def _cause(
         self, repository: Repository, time: int, truth: Truth, transactions: Sequence[Transaction]
     ) -> Transaction | None:
-        """The last of some transactions of a time before which something else was believed of it; None if none is."""
+        """Return the last of some transactions of `time` before which another truth was believed; None if none is."""
         for transaction in reversed(transactions):
             before = repository.after_transaction(transaction.number - 1, time)
             if self._truth_as_of(repository, before) is not truth:
@@ -96,9 +97,9 @@ class ConditionWatch(Watch[TruthChange]):
         return Evaluation(state.snapshot).truth(self._formula)
 
     def _believed(self, repository: Repository, until: int, new: Sequence[Transaction]) -> list[Piece]:
-        """The truth since the last look, of each time as it was believed when that had come (rule L7).
+        """Return the truth since the last look; at each time, as it was believed at that time (rule L7).
 
-        `new` are the transactions among which late knowledge is.
+        `new` are the transactions since then, if late knowledge is among them.
         """
         times = sorted({self._seen, *(transaction.time for transaction in new), until})
         found: list[Piece] = []
@@ -107,7 +108,7 @@ class ConditionWatch(Watch[TruthChange]):
         return found
 
     def _pieces(self, repository: Repository, since: int, until: int, as_of: int | None = None) -> list[Piece]:
-        """The truth throughout a span: each time at which it changes, and the truth from then on."""
+        """Return the truth throughout a span: each time at which it changes, and the truth from then on."""
         found: dict[int, Truth] = {since: Truth.UNKNOWN}
         for formula, truth in ((self._formula, Truth.TRUE), (Not(self._formula), Truth.FALSE)):
             for start, end in when_true(self._reader, repository, formula, since, until, as_of):

@@ -21,13 +21,13 @@ def difference(before: State, after: State) -> Diff:
         other = objects_after.get(name)
         if other is None or not _same_type(item, other):
             withdrawn.append(item)
-    said_before = _said(before)
-    said_after = _said(after)
-    for text, said in said_after.items():
-        earlier = said_before.get(text)
-        if earlier is None or earlier.is_negative != said.is_negative:
-            (became_false if said.is_negative else became_true).append(said)
-    withdrawn += [item for text, item in said_before.items() if text not in said_after]
+    asserted_before = _asserted(before)
+    asserted_after = _asserted(after)
+    for text, asserted in asserted_after.items():
+        earlier = asserted_before.get(text)
+        if earlier is None or earlier.is_negative != asserted.is_negative:
+            (became_false if asserted.is_negative else became_true).append(asserted)
+    withdrawn += [item for text, item in asserted_before.items() if text not in asserted_after]
     goals_before = {str(goal).lower(): goal for goal in before.goals}
     goals_after = {str(goal).lower(): goal for goal in after.goals}
     return Diff(
@@ -56,10 +56,10 @@ def _numbers(before: State, after: State) -> list[tuple[Function, float | None, 
     return found
 
 
-def _said(state: State) -> dict[str, Fact | Inequality]:
-    """Return what is asserted or denied in a state, by its text without the sign."""
-    said: list[Fact | Inequality] = [*state.facts, *state.inequalities]
-    return {item.text.lower(): item for item in said}
+def _asserted(state: State) -> dict[str, Fact | Inequality]:
+    """Return the facts and inequalities asserted in a state, of both signs, by their text without the sign."""
+    items: list[Fact | Inequality] = [*state.facts, *state.inequalities]
+    return {item.text.lower(): item for item in items}
 
 
 def _same_type(one: Instance, other: Instance) -> bool:

@@ -23,30 +23,31 @@ class DomainVersion(NamedTuple):
 
 
 class DomainVersions:
-    """The domain of one knowledge base. With `caching` a version is read once: it never changes."""
+    """The versions of one knowledge base's domain. With `caching` each is read once: a version never changes."""
 
     def __init__(self, *, caching: bool = True) -> None:
         self.latest = DomainVersion()
         """The latest version that has been read."""
         self._caching = caching
         self._known: tuple[int, list[DomainVersion]] = (0, [])
-        """How often the store had gone back when they were read, and the versions."""
+        """The generation of the store when the versions were read (it counts how often the store went back), and the
+        versions."""
         self._loading = threading.Lock()
 
     def copy(self) -> "DomainVersions":
-        """The same versions, for a reader that may see others that are not committed."""
+        """Return a copy, for a reader that may see further versions that are never committed."""
         made = DomainVersions(caching=self._caching)
         made.latest, made._known = self.latest, (0, list(self._known[1]))
         return made
 
     def forget(self, generation: int) -> None:
-        """Forget what has been read, as the store has gone back for so many times."""
+        """Forget the versions, as the store has gone back and is now in this generation."""
         with self._loading:
             self._known = (generation, [])
             self.latest = DomainVersion()
 
     def all(self, repository: Repository, head: Head) -> list[DomainVersion]:
-        """All versions of the domain, in order."""
+        """Return all versions of the domain, in order."""
         generation, known = self._known
         if generation != repository.generation or len(known) < head.domain_version:
             with self._loading:
@@ -55,7 +56,7 @@ class DomainVersions:
                 for version, since, number, source, sensed in repository.domain_versions(len(known)):
                     domain = read_domain(source).marked(json.loads(sensed))
                     known.append(DomainVersion(version, since, number, domain))
-                # who began to read before the store went back has read for itself alone
+                # a snapshot from before the store went back may have versions that are gone: they are not cached
                 if known and generation <= repository.generation:
                     self.latest = known[-1]
                     if self._caching:
@@ -63,7 +64,7 @@ class DomainVersions:
         return known[: head.domain_version]
 
     def in_force(self, repository: Repository, head: Head, position: LogPosition) -> DomainVersion:
-        """The version in force at a position in the log."""
+        """Return the version in force at a position in the log."""
         found = DomainVersion()
         for version in self.all(repository, head):
             if version.time <= position.time and (position.number is None or version.transaction <= position.number):
@@ -71,12 +72,12 @@ class DomainVersions:
         return found
 
     def symbol_table(self, repository: Repository, head: Head, position: LogPosition) -> SymbolTable:
-        """The symbols known at a position in the log: the domain's, or without one those that have been used."""
+        """Return the symbols known at a position in the log: the domain's; without a domain, those used so far."""
         domain = self.in_force(repository, head, position).domain
         return SymbolTable(domain) if domain is not None else self.inferred(repository)
 
     def inferred(self, repository: Repository) -> SymbolTable:
-        """The symbols of a knowledge base without a domain (rule D2)."""
+        """Return the symbols of a knowledge base without a domain, by their first uses (rule D2)."""
         return SymbolTable(
             None,
             {
@@ -90,7 +91,10 @@ class DomainVersions:
     def within(
         self, repository: Repository, head: Head, first: int, last: int, upto: int | None = None
     ) -> Iterator[tuple[int, int, SymbolTable]]:
-        """The versions that are in force within a span, each with its part; of those up to a transaction, if given."""
+        """Yield the versions in force within a span, each with its part of it: start, end, symbols.
+
+        With `upto`, only versions up to that transaction count.
+        """
         versions = self.all(repository, head)
         if upto is not None:
             versions = [version for version in versions if version.transaction <= upto]

@@ -1,4 +1,4 @@
-"""Why something holds, or does not: the reason, since when, and the transaction that made it so (rule V6)."""
+"""Explains why something holds, or does not: the reason, since when, and the transaction that made it so (rule V6)."""
 
 from collections.abc import Sequence
 from typing import Protocol
@@ -33,7 +33,7 @@ _ENDED = {
 
 
 class Explained(Protocol):
-    """A state that can be explained: a `State`, or a `Moment`, of which only what that takes is read."""
+    """A state that can be explained: a whole `State`, or a `Moment`, which reads only what an explanation needs."""
 
     @property
     def at(self) -> int:
@@ -41,7 +41,7 @@ class Explained(Protocol):
 
     @property
     def belief(self) -> LogPosition | None:
-        """Whose belief it is; None where it is not a belief of the past."""
+        """The position in the log whose belief it is; None if it is not a belief of the past."""
 
     @property
     def domain(self) -> Domain | None:
@@ -49,14 +49,14 @@ class Explained(Protocol):
 
     @property
     def snapshot(self) -> Interpretation:
-        """What holds."""
+        """The assertions that hold."""
 
     def explain(self, question: Question) -> Explanation:
         """Explain why a fact or condition is true, false or unknown."""
 
 
 class Moment:
-    """The state that an interpretation is of, by what is known now."""
+    """The state at an interpretation's time, as it is known now."""
 
     belief: LogPosition | None = None
 
@@ -79,9 +79,9 @@ class Explainer:
         self._history = history
 
     def explain(self, state: Explained, question: Question) -> Explanation:
-        """Why a fact or condition is true, false or unknown in a state.
+        """Explain why a fact or condition is true, false or unknown in a state.
 
-        Raises `HistoryUnavailable` where the reason lies before the history that is kept.
+        Raises `HistoryUnavailable` if the reason lies before the history in the store.
         """
         with self._reader.repository() as repository:
             head = repository.head()
@@ -101,7 +101,9 @@ class Explainer:
                 text = condition_text(condition)
                 return Explanation(text, truth, inner.reason, inner.since, inner.transaction, inner.parts)
             case formulas.Defined(function):
-                return self._told(repository, state, condition_text(condition), truth, KnowledgeType.FUNCTION, function)
+                return self._ground(
+                    repository, state, condition_text(condition), truth, KnowledgeType.FUNCTION, function
+                )
             case formulas.Comparison():
                 return self._comparison(repository, state, condition, truth)
             case formulas.IsA():
@@ -121,7 +123,7 @@ class Explainer:
                 Truth.UNKNOWN: "not derivable from what is known",
             }[truth]
             return self._summary(repository, state, atom, truth, (), reason)
-        return self._told(repository, state, str(atom), truth, KnowledgeType.FACT, atom)
+        return self._ground(repository, state, str(atom), truth, KnowledgeType.FACT, atom)
 
     def _comparison(
         self, repository: Repository, state: Explained, condition: formulas.Comparison, truth: Truth
@@ -131,7 +133,7 @@ class Explainer:
             number = state.snapshot.number(key(function.name), tuple(map(key, function.arguments)))
             text = str(function) if number is None else f"(= {function} {format_number(number.at(state.at))})"
             defined = Truth.of(number is not None)
-            parts.append(self._told(repository, state, text, defined, KnowledgeType.FUNCTION, function))
+            parts.append(self._ground(repository, state, text, defined, KnowledgeType.FUNCTION, function))
         undefined = [part for part in parts if part.truth is Truth.FALSE]
         if truth is Truth.UNKNOWN:
             reason = "undefined function" if undefined else "divides by zero"
@@ -160,8 +162,8 @@ class Explainer:
     ) -> Explanation:
         """Explain a condition by the parts that decide it.
 
-        It is as it is since the latest of them, unless it was the same before that, perhaps always, or became so
-        later: numbers move by the clock, and a quantifier ranges over objects that come and go.
+        Usually its truth is as old as the latest of these parts. It may be older, or constant, if other parts decided
+        it before; or later, as numbers move by the clock, and quantified objects come and go.
         """
         since = max((part.since for part in parts if part.since is not None), default=None)
         transaction = next((part.transaction for part in parts if part.since == since and since is not None), None)
@@ -170,10 +172,10 @@ class Explainer:
             guess = state.at if since is None else since
             turned = since_when(self._reader, repository, condition, truth, state.at, guess=guess)
             if turned == 0:
-                # in spite of what has been recorded of the parts that decide it now
+                # it was never different, although the parts that decide it now were
                 since = transaction = None
             elif turned is not None and since is not None and turned < since:
-                # what decides it now was recorded later; it was the same by what was recorded before
+                # other parts decided it before; the explanation at that time has the transaction
                 first = self._reader.state(repository, self._reader.resolver.resolve(repository, turned))
                 since, transaction = turned, self._condition(repository, first, condition).transaction
             elif turned is not None and turned != since:
@@ -184,7 +186,7 @@ class Explainer:
         return Explanation(condition_text(condition), truth, reason, since, transaction, tuple(parts))
 
     def _transaction_of(self, repository: Repository, t: int) -> Transaction | None:
-        """The transaction of a time; None if there was none, or more than one."""
+        """Return the transaction of a time; None if there was none, or more than one."""
         number = repository.first_transaction_from(t)
         if number is None:
             return None
@@ -193,7 +195,7 @@ class Explainer:
 
     # -- rows -------------------------------------------------------------------------------------------------
 
-    def _told(
+    def _ground(
         self,
         repository: Repository,
         state: Explained,
@@ -202,18 +204,17 @@ class Explainer:
         kind: KnowledgeType,
         atom: formulas.Atom,
     ) -> Explanation:
-        """Why a fact is what it is, or a function defined."""
+        """Explain the truth of a ground fact, or why a ground function is defined or not."""
         name = atom_key([key(name) for name in (atom.name, *atom.arguments)])
         event = self._expected(repository, state, Identity(Role.STATE, kind, name))
         if event is not None and event.run is not None:
-            action = f"({' '.join((event.run.operator, *event.run.arguments))})"
             started = self._transaction_of(repository, event.run.started)
-            return Explanation(text, truth, f"expected at the end of {action}", event.time, started)
+            return Explanation(text, truth, f"expected at the end of {event.run.action}", event.time, started)
         absent = "never told" if kind is KnowledgeType.FACT else "undefined function"
         return self._of_row(repository, state, text, truth, self._rows(repository, state, kind, name), absent)
 
     def _expected(self, repository: Repository, state: Explained, identity: Identity) -> Event | None:
-        """Return the last change of a timeline that is computed, for a time after what is believed (rule O3)."""
+        """Return the last expected change of a timeline up to the state's time; None if there is none (rule O3)."""
         head = repository.head()
         belief = state.belief or LogPosition(self._reader.resolver.now(head))
         if state.at <= belief.time or not self._reader.running(repository, belief, head):
@@ -234,11 +235,11 @@ class Explainer:
         rows = repository.history(kind, [timeline], state.at, state.at + 1, upto)
         known = [row for row in rows if row.is_known]
         if not known and not head.history_from:
-            # what late knowledge took away altogether
+            # late knowledge superseded them all
             known = [row for row in rows if row.superseded is not None]
         if not known and head.history_from:
-            # a timeline is kept for good; its assertions may have been archived
-            raise self._reader.resolver.archived(f"what there was of ({timeline.spelling})", head)
+            # the timeline is still there, but its assertions may have been archived
+            raise self._reader.resolver.archived(f"what was recorded of ({timeline.spelling})", head)
         return sorted(known, key=lambda row: (row.initial_time, row.recorded))
 
     def _of_row(

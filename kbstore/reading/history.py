@@ -1,4 +1,4 @@
-"""The record of a knowledge base: histories of timelines, changes of transactions, what the clock brought about."""
+"""Reads the record of a knowledge base: histories of timelines, changes by transactions, changes by the clock."""
 
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -24,8 +24,14 @@ BATCH = 256
 """The number of transactions that `changes` reads at once."""
 
 
-class Standing(NamedTuple):
-    """The record at a time: the last transaction until then, the time, and the assertions that matter."""
+class Baseline(NamedTuple):
+    """What is on record at a time, from which later changes continue.
+
+    Attributes:
+        number: the last transaction until then.
+        time: the time, in nanoseconds.
+        assertions: those that hold then or later, and those that later transactions changed.
+    """
 
     number: int
     time: int
@@ -47,7 +53,7 @@ class History:
         until: TimeLike | None = None,
         as_of: AsOf | None = None,
     ) -> Assertions:
-        """The assertions that match a pattern and overlap ``[since, until)``, in order of time (rule Q3).
+        """Return the assertions that match a pattern and overlap ``[since, until)``, in order of time (rule Q3).
 
         Without a pattern, all of the state. With `as_of`, those that were on record then, as they were.
         """
@@ -70,7 +76,7 @@ class History:
     def transactions_within(
         self, since: TimeLike | None = None, until: TimeLike | None = None, as_of: AsOf | None = None
     ) -> list[Transaction]:
-        """The transactions of ``[since, until)``, in order; with `as_of`, those that had been committed then."""
+        """Return the transactions of ``[since, until)``, in order; with `as_of`, those that had been committed then."""
         with self._reader.repository() as repository:
             head = repository.head()
             begin = head.history_from if since is None else since
@@ -81,7 +87,7 @@ class History:
             return [found for found in map(as_transaction, rows) if found.time < last]
 
     def _symbols(self, repository: Repository, now: TemporalPoint, pattern: Knowledge, until: int) -> SymbolTable:
-        """Return the latest symbols among which the pattern's is known (rule D4)."""
+        """Return the symbols of the latest version of the domain that knows the pattern's symbol (rule D4)."""
         upto = self._reader.resolver.known_by(repository, now)
         versions = self._reader.domains.all(repository, now.head)
         versions = [v for v in versions if v.time < until and (upto is None or v.transaction <= upto)]
@@ -99,12 +105,12 @@ class History:
         assert refusal is not None
         raise refusal
 
-    def standing(self, since: int | None, most: int | None = None) -> "Standing":
-        """Return the record at a time as far as it matters from then on; the changes after it contain the rest.
+    def baseline(self, since: int | None, most: int | None = None) -> Baseline:
+        """Return what is on record at a time; together with `changes` from there on, it is the rest of the history.
 
         Args:
-            since: the time; None: the begin of the history that is kept, as for a time before it.
-            most: without `since`, the time is that of the latest transaction that leaves so many after it.
+            since: the time, in nanoseconds; None, or a time before the history in the store, is that history's begin.
+            most: without `since`, the time is that of the latest transaction with at least so many after it.
         """
         with self._reader.repository() as repository:
             head = repository.head()
@@ -112,7 +118,7 @@ class History:
             if since is None and most is not None and head.number > most:
                 first = max(first, *(row[1] for row in repository.transactions([head.number - most])))
             if since is None and not first:
-                return Standing(0, 0, [])
+                return Baseline(0, 0, [])
             following = repository.first_transaction_from(first + 1)
             last = head.number if following is None else following - 1
             rows = [
@@ -123,7 +129,7 @@ class History:
                 if row.recorded <= last and _matters(row, first, last)
             ]
             symbol_table = self._reader.symbol_table(repository, head, LogPosition(head.time))
-            return Standing(last, first, self.as_assertions(repository, rows, symbol_table))
+            return Baseline(last, first, self.as_assertions(repository, rows, symbol_table))
 
     # -- rows to assertions -----------------------------------------------------------------------------------
 
@@ -134,15 +140,15 @@ class History:
         symbol_table: SymbolTable,
         upto: int | None = None,
     ) -> list[Assertion]:
-        """Assertions with their transactions; ends that came by the clock with the transaction that scheduled them."""
+        """Return rows as assertions; an end by the clock has the transaction that scheduled it."""
         enders = self.enders(repository, rows, upto)
-        told = [(row.told or row.recorded, ended) for row, (ended, _) in zip(rows, enders, strict=True)]
-        numbers = {number for pair in told for number in pair}
+        spans = [(row.told or row.recorded, ended) for row, (ended, _) in zip(rows, enders, strict=True)]
+        numbers = {number for pair in spans for number in pair}
         numbers |= {number for row in rows for number in (row.cancelled, row.superseded)}
         transactions = self.transactions(repository, {number for number in numbers if number is not None})
         reader = ItemFactory(symbol_table)
         found = []
-        for row, (recorded, ended) in zip(rows, told, strict=True):
+        for row, (recorded, ended) in zip(rows, spans, strict=True):
             found.append(
                 Assertion(
                     item=reader.item(row.timeline, row.initial_time, row.value, row.initial_time),
@@ -161,7 +167,7 @@ class History:
     def enders(
         repository: Repository, rows: Sequence[RecordedAssertion], upto: int | None = None
     ) -> list[tuple[int | None, EndCause]]:
-        """For each row the transaction that ended it, or scheduled what ends it, and why; None where it has no end.
+        """Return for each row the transaction that ended it, or scheduled its end, and why; None if it has no end.
 
         With `upto`, as was known after that transaction.
         """
@@ -182,11 +188,11 @@ class History:
         def ender(row: RecordedAssertion) -> tuple[int | None, EndCause]:
             if row.ended is not None or row.cancelled is not None or row.end_time == OPEN:
                 return row.ended, EndCause.REMOVED if row.cause is None else EndCause(row.cause)
-            # of several that begin then, the first to take effect ended it: what was scheduled before what was told
+            # if several began then, the first to be recorded ended it
             followers = [found.recorded for found in following[row.timeline.id, row.end_time] if found.followed(row)]
             if followers:
                 return min(followers), EndCause.REPLACED
-            # else an object did
+            # otherwise the end of an object did
             ended = [gone[name, row.end_time] for name in mentioned[id(row)]]
             numbers = [found.recorded for group in ended for found in group if found.followed(row)]
             return min(numbers, default=None), EndCause.OBJECT
@@ -195,13 +201,13 @@ class History:
 
     @staticmethod
     def transactions(repository: Repository, numbers: Iterable[int]) -> dict[int, Transaction]:
-        """Transactions by number."""
+        """Return transactions by number."""
         return {row[0]: as_transaction(row) for row in repository.transactions(numbers)}
 
     # -- changes ----------------------------------------------------------------------------------------------
 
     def changes(self, after: int) -> Iterator[Change]:
-        """Each transaction after a number, with all that it asserted, ended, cancelled and superseded (rule Q6)."""
+        """Yield each transaction after a number, with what it asserted, ended, cancelled and superseded (rule Q6)."""
         while True:
             with self._reader.repository() as repository:
                 batch = self.batch(repository, repository.head(), after)
@@ -211,7 +217,7 @@ class History:
             after = batch[-1].number
 
     def batch(self, repository: Repository, head: Head, after: int) -> list[Change]:
-        """The next changes after a transaction, at most `BATCH`."""
+        """Return the next changes after a transaction, at most `BATCH`."""
         upto = min(head.number, after + BATCH)
         if after > head.number:
             raise went_back(self._reader.name, after, head.number)
@@ -251,7 +257,7 @@ class History:
         ]
 
     def _refuse_gap(self, repository: Repository, transactions: Sequence[Transaction], after: int, head: Head) -> None:
-        """Raise where the transactions after a number have been archived, or what they ended."""
+        """Raise `HistoryUnavailable` if a transaction after a number, or what it ended, has been archived."""
         if not head.history_from:
             return
         following = transactions[0] if transactions else None
@@ -260,12 +266,15 @@ class History:
             advice = "" if first is None else f" (changes that are kept follow transaction {first - 1})"
             raise self._reader.resolver.archived(f"what followed transaction {after}{advice}", head)
 
-    # -- what the clock brings about --------------------------------------------------------------------------
+    # -- changes by the clock ---------------------------------------------------------------------------------
 
     def clock_changes(
         self, repository: Repository, head: Head, last: Transaction, after: int, upto: int
     ) -> list[Change]:
-        """Return what took effect by the clock alone after a time and up to another, by time; `last` was before it."""
+        """Return what took effect by the clock alone after a time and up to another, in order of time.
+
+        `last` is the latest transaction before it.
+        """
         self._reader.resolver.refuse_archived(after + 1, head)
         due: dict[int, list[RecordedAssertion]] = defaultdict(list)
         for row in repository.due_between(after, upto):
@@ -292,9 +301,9 @@ class History:
     def _ended_by_clock(
         repository: Repository, due: Mapping[int, Sequence[RecordedAssertion]], upto: int | None
     ) -> dict[int, list[RecordedAssertion]]:
-        """Return what ended as something took effect, by time: on its own timeline, or by the end of an object.
+        """Return, by time, what ended when scheduled assertions took effect: on their timelines, or with an object.
 
-        With `upto`, as was known after that transaction: late knowledge has been recorded since then.
+        With `upto`, as was known after that transaction, because late knowledge has been recorded since.
         """
         points = {(row.timeline.id, t): (row.timeline, t) for t, rows in due.items() for row in rows}
         gone: dict[int, set[str]] = {
@@ -317,7 +326,7 @@ class History:
 
 
 def as_transaction(row: Sequence[object]) -> Transaction:
-    """A transaction from its row."""
+    """Return the transaction of a row."""
     number, recorded, changes, client, note = row
     return Transaction(number, recorded, client or "", note or "", changes)  # type: ignore[arg-type]
 
@@ -327,7 +336,7 @@ def _overlaps(row: RecordedAssertion, first: int) -> bool:
 
 
 def _matters(row: RecordedAssertion, first: int, last: int) -> bool:
-    """Return whether a row holds after a time, or was changed after the last transaction until then."""
+    """Return whether a row holds after the time `first`, or was changed after the transaction `last`."""
     gone = row.cancelled or row.superseded or 0
     return max(gone, row.ended or 0) > last or (not gone and row.end_time > first)
 

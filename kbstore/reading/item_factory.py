@@ -1,4 +1,4 @@
-"""Makes the items that messages carry from rows."""
+"""Makes the items of messages from rows."""
 
 from collections.abc import Iterable
 
@@ -39,9 +39,9 @@ class ItemFactory:
     def item(self, timeline: Timeline, initial_time: int, value: Value, t: int) -> KnowledgeItem | Condition:
         """Return the item of a row; a function's has its value at `t`.
 
-        It is made once, as long as no other row of its timeline is shown in between.
+        The item of the row shown last on a timeline is cached with it.
         """
-        # read once: other threads may show another row
+        # read the attribute once: other threads may set it in between
         latest = timeline.latest
         item: KnowledgeItem | Condition
         if latest is not None and latest[0] is self._domain and latest[1] == initial_time and latest[2] == value:
@@ -49,7 +49,7 @@ class ItemFactory:
             return item
         item = self._made(timeline, initial_time, value, t)
         is_moving = timeline.kind is KnowledgeType.FUNCTION and value[3]
-        # without a domain, labels may be learned later
+        # without a domain, a later use may add labels (rule D2)
         if self._domain is not None and not is_moving:
             timeline.latest = (self._domain, initial_time, value, item)
         return item
@@ -97,23 +97,23 @@ class ItemFactory:
                 return Inequality(initial_time=initial_time, is_negative=bool(value[0]), ineq=inequality)
 
     def items(self, rows: Iterable[tuple[Timeline, int, Value]], t: int) -> list[KnowledgeItem | Condition]:
-        """The items that hold, in order of their initial times."""
+        """Return the items of rows, in order of their initial times."""
         return [self.item(*row, t) for row in sorted(rows, key=_order)]
 
     def _expression(self, text: str) -> ExprComposite:
         return composite_of(parse_expression(text), self._formula)
 
     def _formula(self, function: Atom) -> DomainFormula:
-        """A function's term with the labels of its parameters; PDDL's own, like ``(is-violated p)``, have none."""
+        """Return a function's term with its parameters' labels; PDDL's own, like ``(is-violated p)``, have none."""
         if not self._symbols.known(KnowledgeType.FUNCTION, function.name):
             return unlabelled(function)
         labels = self._symbols.labels(KnowledgeType.FUNCTION, key(function.name), len(function.arguments))
         return DomainFormula.trusted(name=function.name, typed_parameters=key_values(labels, function.arguments))
 
     def _values(self, timeline: Timeline) -> tuple[KeyValue, ...]:
-        """The arguments with their labels, made once for all states that show the timeline with the same labels."""
+        """Return the arguments with their labels, cached with the timeline for all states with the same labels."""
         labels = self._symbols.labels(timeline.kind, timeline.keys[0], len(timeline.arguments))
-        # read once: other threads may show it with other labels
+        # read the attribute once: other threads may set it in between
         shown = timeline.shown
         if shown is None or shown[0] is not labels:
             shown = timeline.shown = (labels, key_values(labels, timeline.arguments))

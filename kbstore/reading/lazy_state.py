@@ -15,19 +15,19 @@ from kbstore.storage.records import LogPosition
 from kbstore.storage.repository import Repository
 
 _FEW = 4
-"""The most timelines on which nothing holds that are watched one by one; beyond it, any change counts."""
+"""The most timelines without an assertion whose next starts are looked up; with more, any next start counts."""
 
 
 class NotRead(Exception):
-    """A question needs more of a state than has been read of it."""
+    """Raised when a question needs assertions that have not been read."""
 
 
 Rows = dict[tuple[KnowledgeType, str], StateRow | None]
-"""What holds on some timelines, by knowledge type and key; None where nothing does."""
+"""The assertions that hold on some timelines, by knowledge type and key; None where nothing holds."""
 
 
 class Premises:
-    """An interpretation of what holds on some timelines. Raises `NotRead` where a question needs more."""
+    """An interpretation by some timelines only. Raises `NotRead` if a question needs others."""
 
     def __init__(self, rows: Rows, time: int, domain: Domain | None, *, use_unknowns: bool) -> None:
         self.time = time
@@ -36,7 +36,7 @@ class Premises:
         self._rows = rows
 
     def later(self, time: int) -> "Premises":
-        """The same at a later time, at which the same assertions hold."""
+        """Return the same premises at a later time, at which the same assertions hold."""
         return Premises(self._rows, time, self.domain, use_unknowns=self.use_unknowns)
 
     def row(self, kind: KnowledgeType, name: str) -> StateRow | None:
@@ -80,7 +80,7 @@ class Premises:
 
 
 class LazyState(Premises):
-    """An interpretation on an open repository: it reads single timelines, or what a pattern binds, or a predicate."""
+    """An interpretation that reads on demand from a repository: a timeline, a pattern's matches, or a predicate."""
 
     def __init__(self, repository: Repository, time: int, domain: Domain | None, *, use_unknowns: bool) -> None:
         super().__init__({}, time, domain, use_unknowns=use_unknowns)
@@ -98,12 +98,12 @@ class LazyState(Premises):
 
     @property
     def premises(self) -> Premises | None:
-        """What has been read; None where that was more than single timelines."""
+        """The timelines read so far; None if more than single timelines were read."""
         return None if self._has_ranges else self.later(self.time)
 
     @property
     def until(self) -> int:
-        """The time at which the clock may change what has been read, numbers that move aside."""
+        """The time, in nanoseconds, at which the clock may change what has been read, apart from moving numbers."""
         if self._has_ranges or len(self._absent) > _FEW:
             return min(self._ends, self._repository.next_due(self.time))
         return min(self._ends, *(self._repository.next_start(line, self.time) for line in self._absent), OPEN)
@@ -125,7 +125,7 @@ class LazyState(Premises):
             return [] if sign is None else [(cast("Arguments", wanted), sign)]
         bound = tuple(takewhile(lambda value: value is not None, wanted))
         if bound:
-            # they are the beginning of the timelines' keys
+            # bound arguments at the front are a prefix of the timelines' keys, which an index finds
             words = atom_key((name, *cast("Arguments", bound)))
             rows = self._repository.holding(Role.STATE, KnowledgeType.FACT, self.time, words)
         else:

@@ -38,11 +38,11 @@ def _in_condition(text: str) -> Sequence[str]:
 
 @lru_cache(maxsize=1024)
 def _in_initial_condition(text: str) -> Sequence[str]:
-    """Return the objects in an initial condition of a text; constraints on a plan outlive all objects."""
+    """Return the objects in a condition on the initial state; a constraint on a plan mentions none (it never ends)."""
     return tuple(sorted(set().union(*map(objects_in, parse_initial(text)))))
 
 
 def objects_in(condition: Formula) -> set[str]:
-    """The keys of the objects that a condition mentions by name."""
+    """Return the keys of the objects that a condition mentions by name."""
     names = {key(name) for term in terms_in(condition) for name in names_in(term)}
     return {name for name in names if name and name[0] != "?"}

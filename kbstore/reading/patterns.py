@@ -17,7 +17,7 @@ from kbstore.storage.repository import Repository
 
 
 class Pattern:
-    """A pattern as one version of the domain reads it.
+    """A pattern, read under one version of the domain.
 
     Raises `UnknownSymbol` for a symbol that the domain does not know, `InvalidKnowledge` for arguments or labels that
     do not fit.
@@ -36,7 +36,7 @@ class Pattern:
                 self._keys = (key(item.instance_name),)
 
     def timelines(self, repository: Repository) -> list[Timeline]:
-        """Return the timelines of the state on which what matches has ever been asserted.
+        """Return the timelines of the state on which something that matches has ever been asserted.
 
         Raises `InvalidKnowledge` for a pattern without a predicate or function, with a derived one, or with ``?`` in a
         comparison.

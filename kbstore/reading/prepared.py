@@ -30,16 +30,18 @@ class World(Interpretation, Protocol):
 
 
 class PreparedCondition:
-    """A condition; where one timeline decides it at any time (`key` is not None), by what holds on that.
+    """A condition, checked; if a single timeline decides it (`key` is not None), with the truth for each case.
 
     Attributes:
-        kind, key: of the timeline.
-        timeline: that timeline, once it has been found.
-        if_asserted, if_denied, if_absent: the truth where it asserts something, explicitly denies it, says nothing.
-        named: the objects whose types decide whether it can be meant (rule V10).
+        kind, key: the knowledge type and the key of that timeline.
+        timeline: the generation of the store, and that timeline, once it has been looked up.
+        if_asserted, if_denied, if_absent: the truth if the timeline's assertion is positive, explicitly negative, or
+            absent.
+        named: the objects that the condition names, which have to be of the right types (rule V10).
         plausible: the generation of the store, the number of a transaction after which none of these had ever been of a
-            wrong type, and the token of the last one after which that was still so; 0 where it is not known.
-        proves_types: whether they are of the right types where it is true: each of its atoms is true then.
+            wrong type, and the token of the last one after which that was still so; 0 if it is not known.
+        proves_types: whether the condition can be true only if they are of the right types, as each of its atoms is
+            true then.
     """
 
     __slots__ = (
@@ -79,7 +81,7 @@ class PreparedCondition:
         self.if_asserted, self.if_denied, self.if_absent = outcomes
 
     def evaluate(self, world: World) -> Truth:
-        """The truth in a world."""
+        """Return the truth in a world."""
         if self.key is None:
             return Evaluation(world).evaluate(self.formula, {})
         row = world.row(self.kind, self.key)
@@ -87,12 +89,12 @@ class PreparedCondition:
 
 
 class PreparedExpression:
-    """A numeric expression; where it is a single function (`key` is not None), the value on one timeline.
+    """A numeric expression, checked; if it is a single function (`key` is not None), one timeline has its value.
 
     Attributes:
-        kind, key: of the timeline.
-        timeline: that timeline, once it has been found.
-        named, plausible, proves_types: as of `PreparedCondition`; where it has a value, each function has one.
+        kind, key: the knowledge type and the key of that timeline.
+        timeline: the generation of the store, and that timeline, once it has been looked up.
+        named, plausible, proves_types: as in `PreparedCondition`; if the expression has a value, so has each function.
     """
 
     __slots__ = ("expression", "key", "named", "plausible", "timeline")
@@ -111,16 +113,16 @@ class PreparedExpression:
             self.key = None
 
     def evaluate(self, world: World) -> float:
-        """The value in a world. Raises `UndefinedFunction` or `DivisionByZero` where it has none."""
+        """Return the value in a world. Raises `UndefinedFunction` or `DivisionByZero` if it has none."""
         return expressions.evaluate(self.expression, world)
 
 
 class PreparedQuestions:
-    """Prepares the questions asked of one knowledge base, and keeps them for the next time (`kbstore.storage.caches`).
+    """Prepares the questions asked of one knowledge base, and caches them (`kbstore.storage.caches`).
 
     Attributes:
-        conditions, expressions: by domain and question (see `question_key`).
-        caching: Whether they are kept.
+        conditions, expressions: the caches, by domain and question (see `question_key`).
+        caching: whether prepared questions are cached.
     """
 
     def __init__(self, *, use_unknowns: bool, caching: bool = True) -> None:
@@ -187,14 +189,14 @@ def _is_lasting(question: Question, symbols: SymbolTable, atoms: Iterable[tuple[
     if symbols.domain is not None:
         return True
     if isinstance(question, Fact | Function) and any(question.labels):
-        shape = symbols.shapes.get((question.knowledge_type, question.key[0]))
-        if shape is None or shape.labels is None:
+        inferred = symbols.inferred.get((question.knowledge_type, question.key[0]))
+        if inferred is None or inferred.labels is None:
             return False
-    return all((kind, key(atom.name)) in symbols.shapes for kind, atom in atoms)
+    return all((kind, key(atom.name)) in symbols.inferred for kind, atom in atoms)
 
 
 def atoms_in(formula: Formula) -> Iterator[tuple[KnowledgeType, Atom]]:
-    """The atoms of a condition, each with its knowledge type."""
+    """Yield the atoms of a condition, each with its knowledge type."""
     for node, _, _ in walk(formula, {}):
         match node:
             case Atom():
@@ -207,7 +209,7 @@ def atoms_in(formula: Formula) -> Iterator[tuple[KnowledgeType, Atom]]:
 
 
 def ground_key(atom: Atom) -> str | None:
-    """The key of an atom's timeline; None if it has variables."""
+    """Return the key of an atom's timeline; None if the atom has variables or wildcards."""
     if any(map(is_wildcard, atom.arguments)):
         return None
     return atom_key([key(word) for word in (atom.name, *atom.arguments)])

@@ -14,7 +14,7 @@ from kbstore.reading.lazy_state import LazyState
 from kbstore.reading.questions import Question, as_condition
 
 _FEW = 16
-"""So many names are looked up one by one; for more, all objects are read."""
+"""The most names that are looked up one by one; for more, all objects are read at once."""
 
 
 def bindings(question: Question, symbols: SymbolTable, world: LazyState | Snapshot) -> list[dict[str, str]]:
@@ -35,7 +35,7 @@ def bindings(question: Question, symbols: SymbolTable, world: LazyState | Snapsh
 
 
 def _spelled(names: Iterable[str], symbols: SymbolTable, world: LazyState | Snapshot) -> dict[str, str]:
-    """Names as they were first written, by key."""
+    """Return the names as they were first written, by key."""
     names = list(names)
     if len(names) > _FEW:
         world.objects(("object",))

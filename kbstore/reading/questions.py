@@ -1,4 +1,4 @@
-"""Everything that can be asked, read as a condition or an expression: PDDL text, items, messages, formulas."""
+"""Reads questions in all their forms (PDDL text, items, messages, formulas) as items, conditions or expressions."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, Protocol, cast, get_args
@@ -81,9 +81,9 @@ _Decoded = str | KnowledgeItem | Condition | ExprComposite | DomainInequality | 
 
 
 def decoded(question: Question) -> _Decoded:
-    """Return what a message or a mapping means, by the fields that it has; anything else as it is.
+    """Return the item, condition or expression of a message or a mapping, by its fields; anything else as it is.
 
-    Raises `InvalidKnowledge` for what is not of the shape of any message, or not right in it.
+    Raises `InvalidKnowledge` if it does not have the fields of any message, or if one of them is wrong.
     """
     if isinstance(question, _DECODED):
         return cast("_Decoded", question)
@@ -105,7 +105,7 @@ def decoded(question: Question) -> _Decoded:
 
 
 def as_item(knowledge: Question, symbol_table: SymbolTable) -> KnowledgeItem:
-    """The item that is meant by PDDL text, a message, a mapping in its shape, or an object with its attributes."""
+    """Return the item of a PDDL text, a message, a mapping with its fields, or an object with its attributes."""
     if isinstance(knowledge, str):
         item = parse_item(knowledge, symbol_table.domain)
         if isinstance(item, Fact) and symbol_table.domain is None and symbol_table.is_function(item.attribute_name):
@@ -131,7 +131,7 @@ def as_item(knowledge: Question, symbol_table: SymbolTable) -> KnowledgeItem:
 
 
 def as_condition(question: Question, symbol_table: SymbolTable) -> formulas.Formula:
-    """The condition that a question asks."""
+    """Return the condition that a question asks."""
     if isinstance(question, str):
         condition = parse_condition(question, symbol_table.domain)
         if (
@@ -158,7 +158,7 @@ def as_condition(question: Question, symbol_table: SymbolTable) -> formulas.Form
 
 
 def as_expression(question: Question, symbol_table: SymbolTable) -> NumericExpression:
-    """The numeric expression whose value is asked for."""
+    """Return the numeric expression whose value a question asks for."""
     if isinstance(question, str):
         return parse_expression(question)
     given = decoded(question)
@@ -178,7 +178,7 @@ def as_expression(question: Question, symbol_table: SymbolTable) -> NumericExpre
 
 
 def _in_order(expression: ExprComposite, symbol_table: SymbolTable) -> ExprComposite:
-    """The expression with the arguments of its functions in the order of the parameters (rules D1, D2)."""
+    """Return an expression with the arguments of its functions in the order of the parameters (rules D1, D2)."""
 
     def arranged(formula: DomainFormula) -> DomainFormula:
         given = formula.typed_parameters
@@ -198,13 +198,13 @@ def _in_order(expression: ExprComposite, symbol_table: SymbolTable) -> ExprCompo
 
 
 def _unlabelled(item: Fact | Function, symbol_table: SymbolTable) -> Fact | Function:
-    """Without a domain, labels are those of the symbol's first use (rule D2)."""
+    """Return an item with its arguments in the order of the symbol's first use, and without labels (rule D2)."""
     _, arguments = symbol_table.ordered(item.knowledge_type, item.attribute_name, item.arguments, item.labels)
     return type(item).model_validate({**item.model_dump(), "values": list(arguments)})
 
 
 def item(text_or_mapping: Knowledge, domain: Domain | None = None) -> KnowledgeItem:
-    """The knowledge item of a PDDL text, a mapping in the shape of the ROS message, or an object with its attributes.
+    """Return the item of a PDDL text, a mapping with a ROS message's fields, or an object with its attributes.
 
     >>> str(item("(not (door_open wp7))"))
     '(not (door_open wp7))'

@@ -1,4 +1,4 @@
-"""Reading the states of a knowledge base."""
+"""Reads the states of a knowledge base."""
 
 from collections.abc import Callable, Sequence
 from copy import copy
@@ -35,9 +35,13 @@ if TYPE_CHECKING:
 
 
 class _Past(NamedTuple):
-    """A past state, the last transaction with late knowledge when it was read, and of which generation it is.
+    """A cached past state.
 
-    Who began to read before the store went back may put a state into a cache that has been emptied meanwhile.
+    Attributes:
+        data: the state.
+        late: the last transaction with late knowledge when it was read.
+        generation: the generation of the store when it was read. A thread that began to read before the store went back
+            may put a state into the cache after it was emptied; its generation gives that state away.
     """
 
     data: StateData
@@ -46,14 +50,14 @@ class _Past(NamedTuple):
 
 
 class Reader:
-    """Reads the states of one knowledge base, and has what all that read it share.
+    """Reads the states of one knowledge base, and has the caches that all readers of it share.
 
     Attributes:
-        resolver: Which instant a question means.
-        domains: The versions of the domain.
-        questions: The prepared questions.
-        memory: The timelines, and how far the record has been seen.
-        borrowed: A connection of the caller's, in whose transaction is written.
+        resolver: decides which instant a question means.
+        domains: the versions of the domain.
+        questions: the prepared questions.
+        memory: the timelines, and how far the record has been seen.
+        borrowed: a connection of the caller's, in whose transaction updates are written; usually None.
     """
 
     def __init__(
@@ -84,7 +88,10 @@ class Reader:
         self.borrowed: Connection | None = None
 
     def within(self, connection: "Connection") -> "Reader":
-        """A reader for writing in a transaction of the caller's; what may never be committed has caches of its own."""
+        """Return a reader for writing in a transaction of the caller's.
+
+        It has caches of its own, because what it reads may never be committed.
+        """
         made = copy(self)
         made.borrowed = connection
         made.domains = self.domains.copy()
@@ -103,26 +110,26 @@ class Reader:
         self.database.forget_answers()
 
     def repository(self) -> "_Snapshot":
-        """The knowledge base on one snapshot of the store."""
+        """Open the knowledge base on one snapshot of the store, as a context manager."""
         return _Snapshot(self)
 
     def symbol_table(self, repository: Repository, head: Head, position: LogPosition) -> SymbolTable:
-        """The symbols known at a position in the log."""
+        """Return the symbols known at a position in the log."""
         return self.domains.symbol_table(repository, head, position)
 
     def symbols_at(self, repository: Repository, point: TemporalPoint) -> SymbolTable:
-        """The symbols for a question about a point; of a forecast, some cannot be answered (rule P4)."""
+        """Return the symbols for a question about a point; after now, those that can be forecast (rule P4)."""
         symbols = self.symbol_table(repository, point.head, point.position)
         if symbols.domain is not None and point.valid_time > point.system_time.time:
             return SymbolTable(symbols.domain.forecast)
         return symbols
 
     def running(self, repository: Repository, position: LogPosition, head: Head) -> list[RunningAction]:
-        """The durative actions that run at a position in the log."""
+        """Return the durative actions that run at a position in the log."""
         return [as_running(row) for row in repository.running(position)] if head.last_run else []
 
     def world(self, repository: Repository, point: TemporalPoint, domain: Domain | None) -> LazyState | Snapshot:
-        """Return the state at a point for a few questions: where it is stored, read as far as they need."""
+        """Return an interpretation at a point for a few questions; a stored state is read only as far as they need."""
         if point.is_known_now:
             past = self._remembered(repository, point) if point.is_settled else None
             if past is None:
@@ -131,7 +138,7 @@ class Reader:
         return self._data(repository, point, domain).snapshot
 
     def state_at(self, at: TimeLike | None, as_of: AsOf | None) -> State:
-        """The state that a question means."""
+        """Return the state at a time, as of another."""
         with self.repository() as repository:
             t = at if type(at) is int and as_of is None and 0 <= at < TIME_LIMIT else None
             if t is not None and self.database.dialect == "postgresql" and self._states.find(t) is None:
@@ -139,7 +146,7 @@ class Reader:
             return self.state(repository, self.resolver.resolve(repository, at, as_of))
 
     def state(self, repository: Repository, point: TemporalPoint) -> State:
-        """The state at a point."""
+        """Return the state at a point."""
         symbols = self.symbols_at(repository, point)
         data = self._remembered(repository, point) if point.is_settled else None
         if data is None:
@@ -157,10 +164,10 @@ class Reader:
         name: str = "",
         fits: Callable[[StateRow, Domain | None], bool] | None = None,
     ) -> tuple[list[KnowledgeItem | Condition], Domain | None]:
-        """The items of a role and some knowledge types at a point, as in its state, and the domain.
+        """Return the items of a role and some knowledge types at a point, as in its state, and the domain.
 
-        With a name only those of that symbol; of these, those that fit. Where they are stored, the rest of the state is
-        not read.
+        With `name`, only those of that symbol; with `fits`, only those that it accepts. If the point is stored, the
+        rest of the state is not read.
         """
         symbols = self.symbol_table(repository, point.head, point.position)
         symbol = key(name)
@@ -182,14 +189,14 @@ class Reader:
     def timed_knowledge(
         self, repository: Repository, point: TemporalPoint
     ) -> tuple[list[KnowledgeItem], Domain | None]:
-        """The items on record that take effect after a point, as in its state, and the domain."""
+        """Return the items on record that take effect after a point, as in its state, and the domain."""
         symbols = self.symbols_at(repository, point)
         pending = _all_kinds(repository.scheduled_at, point.position)
         nothing = Snapshot(point.valid_time, (), symbols.domain, self.use_unknowns)
         return self.state_of(StateData(nothing, pending, []), symbols).timed_knowledge, symbols.domain
 
     def _remembered(self, repository: Repository, point: TemporalPoint) -> StateData | None:
-        """A past state that was read before, unless late knowledge has reached its time since then (rule L4)."""
+        """Return a past state from the cache, unless late knowledge has reached its time since (rule L4)."""
         past = self._states.find(point.valid_time)
         if past is None or past.generation != repository.generation:
             return None
@@ -201,7 +208,7 @@ class Reader:
         return past.data
 
     def state_of(self, data: StateData, symbols: SymbolTable, as_of: LogPosition | None = None) -> State:
-        """The state that is made from its data."""
+        """Return the state with some data."""
         return State(
             data,
             belief=as_of,
@@ -262,12 +269,12 @@ class _Snapshot:
 
 
 def as_running(row: RunRow) -> RunningAction:
-    """A stored run, as the state knows it while it runs."""
+    """Return a stored run as a state shows it, while it runs."""
     return RunningAction(as_run(row._replace(end_time=OPEN, outcome=None, ended=None)), row.remembered)
 
 
 def as_run(row: RunRow, broken: tuple[Broken, ...] = ()) -> Run:
-    """A stored run, as callers get it."""
+    """Return a stored run as callers get it."""
     return Run(
         row.operator,
         row.arguments,

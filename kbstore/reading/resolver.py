@@ -1,7 +1,7 @@
-"""The resolver: which instant a question means, and whether stored rows answer it.
+"""The resolver: decides which instant a question means, and whether stored rows answer it.
 
-Every path that reads asks here. A point in time is *stored*, and its rows are read; or *projected*, and computed from
-what was on record (`kbstore.planning.simulator`); or refused, as history has been archived away.
+Every path that reads asks here. A point in time is either *stored*, and its rows are read; or *projected*, and computed
+from what was on record (`kbstore.planning.simulator`); or refused, because its history has been archived.
 """
 
 from collections.abc import Sequence
@@ -25,13 +25,13 @@ class TemporalPoint(NamedTuple):
     """The instant that a question means, on both axes of time.
 
     Attributes:
-        valid_time: The time that is asked about.
-        system_time: The position in the log up to which is believed what was recorded; without `as_of`, now.
-        is_as_of: Whether the question gave `as_of`.
-        head: The end of the log when the question was asked.
-        position: Where in the log the schedule, the runs and the domain are read.
-        rows_at: Where in the log the assertions are read; None where they are projected from `position`.
-        running: The actions running at `position`, for a `valid_time` that lies after it; otherwise empty.
+        valid_time: the time that is asked about, in nanoseconds.
+        system_time: the position in the log whose belief is asked for; without `as_of`, now.
+        is_as_of: whether the question gave `as_of`.
+        head: the end of the log when the question was asked.
+        position: the position in the log at which the schedule, the runs and the domain are read.
+        rows_at: the position at which the assertions are read; None if they are projected from `position`.
+        running: the actions running at `position`, if `valid_time` is after it; otherwise empty.
     """
 
     valid_time: int
@@ -44,12 +44,12 @@ class TemporalPoint(NamedTuple):
 
     @property
     def is_known_now(self) -> bool:
-        """Whether single rows answer: they are stored, and none was recorded after what is believed."""
+        """Whether the rows that are known now answer: they are stored, and none was recorded after the belief."""
         return self.rows_at is not None and self.rows_at.number is None
 
     @property
     def is_settled(self) -> bool:
-        """Whether nothing recorded from now on changes what holds, late knowledge aside (rule T5)."""
+        """Whether nothing recorded from now on, except late knowledge, changes what holds (rule T5)."""
         return self.is_known_now and self.valid_time < self.head.time and self.valid_time < self.system_time.time
 
 
@@ -70,7 +70,7 @@ class Resolver:
         self._clock = clock
         self._tolerance = tolerance
         self._max_step = max_step
-        # the last good reading of the system clock: its time, and what the machine had measured by then
+        # the last accepted reading of the system clock, and the machine's monotonic time then
         self._good = (clock.now(), clock.elapsed()) if isinstance(clock, SystemClock) else None
 
     # -- now --------------------------------------------------------------------------------------------------
@@ -80,7 +80,7 @@ class Resolver:
         return time(self._clock.now())
 
     def now(self, head: Head) -> int:
-        """Return now for a question: a caller always sees what it wrote (rule T3)."""
+        """Return now for a question: never before the latest transaction, so that callers see what they wrote (T3)."""
         return max(self.read_clock(), head.time)
 
     def now_for_writing(self, head: Head) -> int:
@@ -118,7 +118,7 @@ class Resolver:
     def resolve(self, repository: Repository, at: TimeLike | None = None, as_of: AsOf | None = None) -> TemporalPoint:
         """Return the instant that a question means, on the snapshot that the repository reads.
 
-        Raises `HistoryUnavailable` for one that has been archived away, `InvalidTime` for what is not a time.
+        Raises `HistoryUnavailable` if it has been archived, `InvalidTime` for a value that is not a time.
         """
         head = repository.head()
         now = self.now(head)
@@ -128,21 +128,21 @@ class Resolver:
         self.refuse_archived(believed.time, head)
         is_as_of = as_of is not None
         if t <= believed.time:
-            # only at the time of the transaction itself does it matter which of that time's are believed
+            # earlier times need no transaction number, unless late knowledge corrected them
             position = believed if t == believed.time and believed.number is not None else LogPosition(t)
             rows_at: LogPosition | None = position
             if t < believed.time and self._is_corrected(repository, head, t, believed):
                 rows_at = LogPosition(t, believed.number)
             return TemporalPoint(t, believed, is_as_of, head, position, rows_at, ())
         running = repository.running(believed) if head.last_run else ()
-        # what is scheduled is stored with the interval that is expected of it now
+        # scheduled rows have the ends that are expected now: right for now's belief, if nothing runs
         rows_at = None if is_as_of or running else LogPosition(t)
         return TemporalPoint(t, believed, is_as_of, head, believed, rows_at, running)
 
     def _believed(self, repository: Repository, head: Head, now: int, as_of: AsOf | None) -> LogPosition:
-        """Return the position in the log up to which is believed what was recorded.
+        """Return the position in the log of the belief that `as_of` means.
 
-        It has a number where late knowledge may have been recorded after it (rule L4).
+        It has a transaction number if late knowledge may have been recorded after it (rule L4).
         """
         if as_of is None:
             return LogPosition(now)
@@ -154,23 +154,21 @@ class Resolver:
 
     @staticmethod
     def _is_corrected(repository: Repository, head: Head, t: int, believed: LogPosition) -> bool:
-        """Return whether late knowledge about `t` or earlier was recorded after what is believed."""
+        """Return whether late knowledge about `t` or earlier was recorded after the belief."""
         if believed.number is None or head.late <= believed.number:
             return False
         return repository.late_from(believed.number) <= t
 
     @staticmethod
     def at_position(head: Head, position: LogPosition) -> TemporalPoint:
-        """Return the instant of a position in the log, as it was believed there."""
+        """Return the instant of a position in the log, as of that position."""
         return TemporalPoint(position.time, position, True, head, position, position, ())
 
     def is_stored(self, t: int, latest: int, last_run: int, history_from: int) -> bool:
-        """Return whether the rows that are known now answer for a time, as far as the head alone decides.
+        """Return whether the rows that are known now certainly answer for a time, by the head alone.
 
-        Of that, `latest` is the time; `last_run` and `history_from` are called so there, too.
-
-        `resolve` decides the same for every time, reading what runs where that matters, and refuses what cannot be
-        answered.
+        A quick form of `resolve`, which also reads what runs, and refuses what cannot be answered. `latest`, `last_run`
+        and `history_from` are the head's `time`, `last_run` and `history_from`.
         """
         if t > latest and (self.is_archive or (last_run and t > self.read_clock())):
             return False
@@ -185,8 +183,8 @@ class Resolver:
     ) -> tuple[int, int, TemporalPoint]:
         """Return a span of time as ``since <= t < until``, and now, or the instant of the belief.
 
-        `since` None is the beginning, `until` None the end of time. Raises `HistoryUnavailable` where the span reaches
-        into what has been archived away.
+        `since` None is the beginning, `until` None the end of time. Raises `HistoryUnavailable` if a part of the span
+        has been archived.
         """
         point = self.resolve(repository)
         now = point.valid_time
@@ -202,21 +200,18 @@ class Resolver:
         return first, last, point
 
     def known_by(self, repository: Repository, point: TemporalPoint) -> int | None:
-        """Return the last transaction that is believed at a point; None where that is everything."""
+        """Return the number of the last transaction of a point's belief; None if all of them belong to it."""
         return self.last_number(repository, point.system_time) if point.is_as_of else None
 
     @staticmethod
     def last_number(repository: Repository, position: LogPosition) -> int:
-        """Return the last transaction up to a position in the log."""
+        """Return the number of the last transaction up to a position in the log."""
         return repository.last_number_at(position.time) if position.number is None else position.number
 
     # -- archives ---------------------------------------------------------------------------------------------
 
     def refuse_archived(self, t: int, head: Head) -> None:
-        """Raise `HistoryUnavailable` for a time before which history has been archived away (rule Q7).
-
-        In an archive, also for a time after its end.
-        """
+        """Raise `HistoryUnavailable` if a time was archived; in an archive, also if it is after the end (rule Q7)."""
         if self.is_archive and t > head.time:
             raise HistoryUnavailable(
                 f"this archive of {self.name} ends at {isoformat(head.time + 1)}, and {isoformat(t)} cannot be "
@@ -226,7 +221,7 @@ class Resolver:
             raise self.archived(isoformat(t), head)
 
     def archived(self, asked: str, head: Head) -> HistoryUnavailable:
-        """The error for a question that needs what has been archived away."""
+        """Return the error for a question that needs archived history."""
         return HistoryUnavailable(
             f"{self.name} keeps its history from {isoformat(head.history_from)} on; what was before has been "
             f"archived, and {asked} cannot be answered here: ask the archive"

@@ -1,4 +1,4 @@
-"""Runs of durative actions, and their invariants: over-all conditions, watched while the action runs (O6, Q8)."""
+"""Reads runs of durative actions, and when their invariants (over-all conditions) were broken (rules O6, Q8)."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import groupby
@@ -24,10 +24,11 @@ from kbstore.storage.records import Head, LogPosition, RunRow
 from kbstore.storage.repository import Repository
 
 TruthPiece = tuple[int, int, Truth]
+"""Start, end (nanoseconds), and the truth in between."""
 
 
 class Runs:
-    """Asks about the runs of one knowledge base."""
+    """Reads the runs of one knowledge base."""
 
     def __init__(self, reader: Reader) -> None:
         self._reader = reader
@@ -61,7 +62,7 @@ class Runs:
             return self._broken(repository, row, kept=kept)
 
     def beginning(self, repository: Repository, first: int, last: int) -> list[Broken]:
-        """Return what breaks from a time in ``[first, last]`` on, in the order of these times."""
+        """Return the invariants that break at a time in ``[first, last]``, in the order of these times."""
         found = [
             broken
             for row in repository.runs_between(first, last + 1)
@@ -92,7 +93,7 @@ class Runs:
                 try:
                     found = truths(condition, trajectory, duration=row.duration_s)
                 except (NotLinear, InvalidKnowledge, UnknownSymbol):
-                    # it cannot be decided
+                    # not decidable under this version of the domain
                     found = [(start, end, Truth.UNKNOWN)]
                 pieces.setdefault(condition_text(condition), []).extend(found)
         is_open = row.end_time == OPEN
@@ -107,9 +108,10 @@ class Runs:
         )
 
     def _unwritten(self, repository: Repository, row: RunRow, head: Head) -> dict[Identity, Value]:
-        """Return what the at-start effects of a run leave on what is sensed (rule O8).
+        """Return the values that the at-start effects of a run would have given to sensed symbols (rule O8).
 
-        They are evaluated on the state before the start; where that has been archived, only those without a condition.
+        The effects are evaluated on the state before the start; if that has been archived, on an empty one, which
+        leaves the unconditional ones.
         """
         position = repository.after_transaction(row.recorded - 1, row.started)
         domain = self._reader.domains.symbol_table(repository, head, position).domain
@@ -131,7 +133,10 @@ class Runs:
         }
 
     def _keys(self, repository: Repository, pattern: str, first: int, last: int) -> Sequence[str]:
-        """The words of a pattern as keys; of a name alone, that."""
+        """Return the words of a pattern, or its single name, as keys.
+
+        Raises `UnknownSymbol` or `InvalidKnowledge` unless a version of the domain in the span has such an action.
+        """
         text = pattern.strip()
         if text.startswith("(") != text.endswith(")") or not text.strip("()"):
             raise InvalidKnowledge(
@@ -166,7 +171,7 @@ class _RunTrajectory(StoredTrajectory):
     unwritten: Mapping[Identity, Value]
 
     def all_signs(self, name: str) -> Mapping[Arguments, Sequence[tuple[int, int, bool]]]:
-        """The pieces of every fact of a predicate, those of unwritten effects included."""
+        """Return the pieces of every fact of a predicate, those of unwritten effects included."""
         found = dict(super().all_signs(name))
         for identity in self.unwritten:
             predicate, *arguments = identity.key.split(" ")
@@ -186,7 +191,7 @@ class _RunTrajectory(StoredTrajectory):
 
 
 def _as_of(row: RunRow, believed: LogPosition) -> RunRow | None:
-    """A run as it was on record at a position: what ended later was running."""
+    """Return a run as it was on record at a position: one that ended later was running; None if it had not begun."""
     number, time = believed.number, believed.time
     if row.started > time or (number is not None and row.recorded > number):
         return None
@@ -200,7 +205,7 @@ def _matches(wanted: Sequence[str], row: RunRow) -> bool:
 
 
 def _ground(domain: Domain, row: RunRow) -> GroundAction | None:
-    """The action of a run with its objects, whether they exist or not; None where the domain does not have it."""
+    """Return the action of a run with its objects, whether they exist or not; None if the domain does not have it."""
     try:
         action = domain.action(row.operator)
     except UnknownSymbol:
@@ -210,13 +215,13 @@ def _ground(domain: Domain, row: RunRow) -> GroundAction | None:
 
 
 def _invariants(domain: Domain, row: RunRow) -> Sequence[Formula]:
-    """The over-all conditions of a run, with its objects in their places."""
+    """Return the over-all conditions of a run, with its objects for their variables."""
     action = _ground(domain, row)
     return [] if action is None else action.conditions(Timing.OVER_ALL)
 
 
 def _joined(pieces: Sequence[TruthPiece]) -> Iterator[TruthPiece]:
-    """Adjacent pieces of one truth value as one."""
+    """Yield the pieces with adjacent ones of the same truth value joined."""
     for truth, group in groupby(pieces, key=lambda piece: piece[2]):
         same = list(group)
         yield same[0][0], same[-1][1], truth

@@ -1,4 +1,4 @@
-"""The value of an expression at regular times."""
+"""Samples the value of an expression at regular times."""
 
 from kbstore.clock import DurationLike, TimeLike, duration, isoformat
 from kbstore.errors import DivisionByZero, InvalidTime, UndefinedFunction
@@ -7,7 +7,7 @@ from kbstore.reading.reader import Reader
 from kbstore.storage.repository import Repository
 
 Sample = tuple[int, float | None]
-"""A time in nanoseconds, and the value then; None where there is none."""
+"""A time in nanoseconds, and the value then; None if the expression has none."""
 
 
 def sampled(
@@ -15,7 +15,7 @@ def sampled(
 ) -> list[Sample]:
     """Return the value of an expression at `since`, and at each `step` from there on before `until`.
 
-    Raises `InvalidTime` where the step is 0 or `until` is before `since`, and what asking for the value raises, but for
+    Raises `InvalidTime` if the step is 0 or `until` is before `since`, and what `KnowledgeBase.value` raises, except
     `UndefinedFunction` and `DivisionByZero`.
     """
     first, last, now = reader.resolver.resolve_span(repository, since, until)

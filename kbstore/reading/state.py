@@ -1,4 +1,4 @@
-"""The state of a knowledge base at one time: what holds, what is scheduled, what runs."""
+"""The state of a knowledge base at one time: what holds, what is scheduled, and what runs."""
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
@@ -46,13 +46,13 @@ _Kind = TypeVar("_Kind")
 
 
 def query_result(items: Sequence[Question], results: list[bool], symbol_table: SymbolTable) -> QueryResult:
-    """The answer to a query: which of its items are true, and those that are not."""
+    """Return the answer to a query: which of its items are true, and those that are not."""
     false = [_asked(item, symbol_table) for item, result in zip(items, results, strict=True) if not result]
     return QueryResult(all(results), results, false)
 
 
 def _asked(question: Question, symbol_table: SymbolTable) -> KnowledgeItem | Condition:
-    """The question as an item, or as a condition where no item can carry it."""
+    """Return a question as an item, or as a condition if no item can carry it."""
     if isinstance(question, Condition):
         return question
     try:
@@ -164,7 +164,7 @@ class State(Result):
     @cached_property
     def timed_knowledge(self) -> list[KnowledgeItem]:
         """The items on record that take effect after the time, without goals (rule Q1)."""
-        # what runs adds to a rate was not recorded with what is scheduled
+        # a scheduled item has its own rate, without what runs add to it until then
         rows = [
             (timeline, t, (*value[:3], value[2]) if timeline.kind is KnowledgeType.FUNCTION else value)
             for timeline, t, value in self._pending
@@ -248,7 +248,7 @@ class State(Result):
                 continue
             value = fact_value(is_negative=True) if event.value is None else event.value
             item = cast("KnowledgeItem", self._reader.item(event.timeline, event.time, value, event.time))
-            # of one time, the last word counts
+            # of several changes at one time, the last counts, in its place
             last.pop((event.time, event.timeline.identity), None)
             last[event.time, event.timeline.identity] = (event.time, item, event.run)
         return list(last.values())
@@ -305,7 +305,7 @@ class State(Result):
         def rows(items: Iterable[KnowledgeItem | Condition]) -> list[tuple[object, ...]]:
             return [(item, isoformat(item.initial_time)) for item in items]
 
-        runs = [(f"({' '.join((run.operator, *run.arguments))})", isoformat(run.started)) for run in self.running]
+        runs = [(run.action, isoformat(run.started)) for run in self.running]
         parts: list[tuple[str, Sequence[Sequence[object]]]] = [
             ("objects", rows(self.instances)),
             ("facts", rows(self.facts)),
@@ -322,13 +322,7 @@ class State(Result):
 
     def _lanes(self) -> list[Lane]:
         """Return what runs, is scheduled and holds, as lanes of a small timeline, the latest changes first."""
-        lanes = [
-            Lane(
-                f"({' '.join((run.operator, *run.arguments))})",
-                [Bar(run.started, run.expected_end, Look.RUN, str(run))],
-            )
-            for run in self.running
-        ]
+        lanes = [Lane(run.action, [Bar(run.started, run.expected_end, Look.RUN, str(run))]) for run in self.running]
         for item in self.timed_knowledge:
             look = Look.SCHEDULED_FALSE if getattr(item, "is_negative", False) else Look.SCHEDULED
             lanes.append(

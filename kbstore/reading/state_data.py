@@ -8,7 +8,7 @@ from kbstore.planning.rates import RunningAction
 
 @dataclass(frozen=True, slots=True)
 class StateData:
-    """The assertions that hold at an instant, the scheduled ones, and the running actions."""
+    """The assertions that hold at a time, the scheduled ones, and the running actions."""
 
     snapshot: Snapshot
     pending: list[StateRow]
@@ -16,5 +16,5 @@ class StateData:
 
     @property
     def size(self) -> int:
-        """The number of assertions, and one for itself."""
+        """The size as caches count it: the number of assertions, and one for the state itself."""
         return 1 + len(self.snapshot.rows) + len(self.pending)

@@ -1,6 +1,6 @@
 """Reads what held over a span of time: the `Trajectory` on which `when` is computed.
 
-Only the timelines that a condition reads are read, from the assertion that holds where the span begins.
+It reads only the timelines that a condition refers to, from the assertion that holds at the start of the span.
 """
 
 from collections import defaultdict
@@ -34,7 +34,7 @@ from kbstore.storage.records import RecordedAssertion
 from kbstore.storage.repository import Repository
 
 Piece = tuple[int, int, Value, int]
-"""Start, end, value, and the initial time of the assertion."""
+"""Start, end, value, and the initial time of the assertion; times in nanoseconds."""
 
 MINUTE = 60 * SECOND
 """The span that `since_when` looks back at first, in nanoseconds."""
@@ -62,12 +62,12 @@ class StoredTrajectory:
     # -- the trajectory --------------------------------------------------------------------------------------
 
     def signs(self, name: str, arguments: Arguments) -> Sequence[tuple[int, int, bool]]:
-        """The pieces in which one fact is asserted or denied, each with its sign."""
+        """Return the pieces in which one fact is asserted or explicitly false, each with its sign."""
         pieces = self._of_key(KnowledgeType.FACT, atom_key((name, *arguments)))
         return [(start, end, not value[0]) for start, end, value, _ in pieces]
 
     def all_signs(self, name: str) -> Mapping[Arguments, Sequence[tuple[int, int, bool]]]:
-        """The same for every fact of a predicate that is asserted or denied somewhere in the span."""
+        """Return these pieces for every fact of a predicate that has some in the span."""
         timelines = self._repository.of_symbol(Role.STATE, KnowledgeType.FACT, name)
         expected = [identity for identity in self._expected if _is_of_symbol(identity, name)]
         self._load(timelines)
@@ -82,12 +82,12 @@ class StoredTrajectory:
         return found
 
     def numbers(self, name: str, arguments: Arguments) -> Sequence[tuple[int, int, Number]]:
-        """The pieces in which one numeric function is defined."""
+        """Return the pieces in which one numeric function is defined."""
         pieces = self._of_key(KnowledgeType.FUNCTION, atom_key((name, *arguments)))
         return [(start, end, Number(value[1], value[3], since)) for start, end, value, since in pieces]
 
     def lifespans(self, types: Iterable[str]) -> Mapping[str, Sequence[Span]]:
-        """The objects that exist somewhere in the span and are of one of the types, with when."""
+        """Return the objects that exist somewhere in the span and are of one of the types, with their lifespans."""
         wanted = list(types)
         return {
             name: spans
@@ -121,7 +121,7 @@ class StoredTrajectory:
 
     @staticmethod
     def _merged(pieces: Sequence[Piece]) -> list[tuple[int, int, str]]:
-        """Adjacent existences of the same type are one."""
+        """Return the existences of an object, with adjacent ones of the same type joined."""
         merged: list[tuple[int, int, str]] = []
         for start, end, (is_negative, type_name), _ in pieces:
             if is_negative:
@@ -161,7 +161,7 @@ class StoredTrajectory:
         return self._reader.resolver.known_by(self._repository, self._point)
 
     def _with_expected(self, identity: Identity) -> list[Piece]:
-        """The pieces of a timeline; where something runs, after now those that are expected."""
+        """Return the pieces of a timeline; if something runs, those after now are the expected ones."""
         stored = self._pieces.get(identity, [])
         now = self._point.system_time.time
         if not self._projects:
@@ -209,8 +209,8 @@ def when_true(
 ) -> Intervals:
     """Return the maximal intervals in ``[since, until)`` in which a condition is true (rule Q4), as of a time.
 
-    Each version of the domain counts for its part of the span; a symbol must be known to one of them (rule D4), and
-    says nothing where it is not.
+    Each version of the domain counts for its part of the span. A symbol must be known to one of them (rule D4); under
+    the others nothing is asserted of it. Raises `InvalidKnowledge` if an object is of a wrong type throughout (V10).
     """
     found: list[Span] = []
     first, last, now = reader.resolver.resolve_span(repository, since, until, as_of)
@@ -239,7 +239,7 @@ def when_true(
 def _note_types(
     use: NamedArgument, trajectory: StoredTrajectory, misfits: dict[NamedArgument, InvalidKnowledge | None]
 ) -> None:
-    """Keep the error for an object that exists in a span; None once it is of a type that fits anywhere (rule V10)."""
+    """Note the error for an object that exists in a span with a wrong type; None once it fits anywhere (rule V10)."""
     domain = trajectory.domain
     for start, _, type_name in trajectory.lifespan(use.name) if domain is not None else ():
         assert domain is not None
@@ -252,11 +252,11 @@ def _note_types(
 def since_when(
     reader: Reader, repository: Repository, condition: Formula, truth: Truth, at: int, *, guess: int
 ) -> int | None:
-    """Return the time since which a condition has kept, without interruption, its truth value of a given time.
+    """Return the time since which a condition has had, without interruption, its truth value at the time `at`.
 
-    0 where it always was, None where that cannot be computed (rule Q4, `NotLinear`). A `guess` that is not too early
-    saves time: history is read from there, and from ever earlier times where that is too late. Raises
-    `HistoryUnavailable` where it has been so for longer than history is kept (rule Q7).
+    0 if it always had; None if that cannot be computed (rule Q4, `NotLinear`). History is read from `guess` on, and
+    from ever earlier times until the change is found, so a guess shortly before the change saves time. Raises
+    `HistoryUnavailable` if the change is before the history in the store (rule Q7).
     """
     head = repository.head()
     begin = head.history_from
@@ -277,7 +277,7 @@ def since_when(
 
 
 def _since_within(reader: Reader, repository: Repository, condition: Formula, truth: Truth, span: Span) -> int:
-    """Return the same within a span, for the truth value at its end; at the earliest the span's start."""
+    """Return the time since which a condition has had its truth value at the end of a span; at least its start."""
     first, at = span[0], span[1] - 1
 
     def true_in(condition: Formula) -> Intervals:
@@ -287,15 +287,15 @@ def _since_within(reader: Reader, repository: Repository, condition: Formula, tr
         known = [*true_in(condition), *true_in(Not(condition))]
         return min(max((end for _, end in known), default=first), at)
     same = true_in(condition if truth is Truth.TRUE else Not(condition))
-    # an open transaction may have changed it just now
+    # the truth may come from an open transaction, whose changes are not in the store yet
     return same[-1][0] if same and same[-1][1] > at else at
 
 
 def _prepared(
     reader: Reader, condition: Question, symbol_tables: Sequence[SymbolTable]
 ) -> tuple[PreparedCondition, Domain | None]:
-    """The condition as the latest version of the domain reads it that knows its symbols, and that domain."""
-    # before the first domain everything can be said, which does not make a symbol known
+    """Prepare a condition under the latest version of the domain that knows its symbols; return it and that domain."""
+    # before the first domain any symbol is accepted; that does not make it known
     declared = [symbol_table for symbol_table in symbol_tables if symbol_table.domain is not None]
     refusal: UnknownSymbol | None = None
     for symbol_table in reversed(declared or symbol_tables):

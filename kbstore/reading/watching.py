@@ -1,4 +1,4 @@
-"""Following a knowledge base: each transaction, and what takes effect by the clock alone, as it happens (rule Q6)."""
+"""Follows a knowledge base: each transaction, and what takes effect by the clock alone, as it happens (rule Q6)."""
 
 import threading
 import time as _time
@@ -24,10 +24,12 @@ Found = TypeVar("Found")
 
 
 class Watch(Iterator[Found], Generic[Found]):
-    """An iterator that waits for what happens; `close`, which any thread may call, ends it quietly.
+    """An iterator that waits for its next item; `close`, which any thread may call, ends it without an error.
 
-    `poll` is how many seconds it waits between two looks, `timeout` how many for the next thing, `deadline` a time of
-    `time.monotonic` at which it ends in any case; what is there already comes first.
+    Args:
+        poll: how many seconds it waits between two looks at the store.
+        timeout: how many seconds it waits for an item before it ends; None: for ever.
+        deadline: a time of `time.monotonic` at which it ends in any case, after the items that are there already.
     """
 
     def __init__(self, *, poll: float, timeout: float | None, deadline: float | None = None) -> None:
@@ -39,10 +41,10 @@ class Watch(Iterator[Found], Generic[Found]):
 
     @abstractmethod
     def _look(self) -> bool:
-        """Append to `_found` what there is by now, or a part of it; whether that is all."""
+        """Append to `_found` what has happened by now, or a part of it, and return whether that is all."""
 
     def close(self) -> None:
-        """End the iteration, also in another thread that is waiting for the next thing."""
+        """End the iteration, also in another thread that is waiting for the next item."""
         self._closed.set()
 
     def __iter__(self) -> Self:
@@ -56,11 +58,14 @@ class Watch(Iterator[Found], Generic[Found]):
 
     @property
     def is_ready(self) -> bool:
-        """Whether `take` answers without a look at the store: with the next thing, or that this has ended."""
+        """Whether `take` can answer without a look at the store, with the next item or the end."""
         return bool(self._found) or self._closed.is_set()
 
     def look(self, begin: float) -> bool:
-        """Look for the next thing, which has been waited for since `begin`; whether it is there, or this has ended."""
+        """Look once for the next item, and return whether it is there, or the iteration has ended.
+
+        `begin` is the time of `time.monotonic` since which the caller has waited.
+        """
         while not self.is_ready:
             try:
                 is_all = self._look()
@@ -75,7 +80,7 @@ class Watch(Iterator[Found], Generic[Found]):
         return True
 
     def take(self) -> Found:
-        """Return the next thing. Raises `StopIteration` where there is none, or this was closed."""
+        """Return the next item. Raises `StopIteration` if there is none, or this was closed."""
         if not self._found:
             self._closed.set()
         if self._closed.is_set():
@@ -90,9 +95,9 @@ class Watch(Iterator[Found], Generic[Found]):
 
 
 class ChangeWatch(Watch[Change]):
-    """Follows one knowledge base from a change on, or from now; misses nothing, and repeats nothing (rule Q6).
+    """Iterates over the changes of a knowledge base after a given one, or from now on (rule Q6).
 
-    Raises `InvalidKnowledge` or `UnknownSymbol` for a pattern that nothing can match.
+    No change is missed or repeated. Raises `InvalidKnowledge` or `UnknownSymbol` for a pattern that nothing can match.
     """
 
     def __init__(
@@ -111,7 +116,7 @@ class ChangeWatch(Watch[Change]):
         self._history = history
         self._runs = Runs(reader)
         self._delivered: set[tuple[int, str, int]] = set()
-        """The latest breaks that have been delivered: run, condition, since when."""
+        """The latest broken invariants that have been delivered: run, condition, since when."""
         self._pattern = pattern
         if pattern is not None:
             with reader.repository() as repository:
@@ -123,7 +128,7 @@ class ChangeWatch(Watch[Change]):
         self._head = self._last.number
 
     def _look(self) -> bool:
-        # what is recorded from now on may wait for the next look, so that a busy writer does not keep this one for ever
+        # one look goes as far as the head was when it began, so that a busy writer does not prolong it for ever
         if self._last.number >= self._head:
             with self._reader.repository() as repository:
                 self._head = repository.head().number
@@ -144,7 +149,7 @@ class ChangeWatch(Watch[Change]):
         return self._last.number >= self._head
 
     def _begin(self, after: int | Change | None) -> tuple[Transaction, int]:
-        """The last transaction that was seen, and the time up to which the clock's doings were."""
+        """Return the transaction to begin after, and the time up to which changes by the clock count as delivered."""
         if isinstance(after, Change):
             return after.transaction, after.time
         with self._reader.repository() as repository:
@@ -173,7 +178,7 @@ class ChangeWatch(Watch[Change]):
         return found, seen
 
     def _with_breaks(self, repository: Repository, changes: list[Change], after: int) -> list[Change]:
-        """Put in what breaks of what runs, at the time at which it begins to be broken (rule O6)."""
+        """Insert the invariants of runs that break, each at the time at which it breaks (rule O6)."""
         if not repository.head().last_run:
             return changes
         times = {change.time for change in changes}
@@ -202,13 +207,13 @@ class ChangeWatch(Watch[Change]):
 
 
 def _matching(change: Change, pattern: Knowledge, symbol_table: SymbolTable) -> Change | None:
-    """Return the change with the assertions that match; None if there are none."""
+    """Return the change with only the assertions that match; None if none does."""
     wanted = Pattern(pattern, symbol_table)
 
-    def kept(assertions: list[Assertion]) -> list[Assertion]:
+    def matching(assertions: list[Assertion]) -> list[Assertion]:
         return [found for found in assertions if not found.is_goal and wanted.matches(found.item)]
 
-    asserted, ended, cancelled = kept(change.asserted), kept(change.ended), kept(change.cancelled)
+    asserted, ended, cancelled = matching(change.asserted), matching(change.ended), matching(change.cancelled)
     if not (asserted or ended or cancelled):
         return None
     return replace(change, asserted=asserted, ended=ended, cancelled=cancelled)

@@ -105,7 +105,7 @@ class Content:
             self._versions.append(Version(time, SymbolTable(domain.marked(marked))))
 
     def _symbols(self) -> Iterator[Contradiction]:
-        shapes = self._versions[0].symbols.shapes
+        inferred = self._versions[0].symbols.inferred
         for number, name_key, name, arity, labels in self._scratch.rows(queries.symbols):
             kind, given = KnowledgeType(number), labels.split()
             wrong = problem(name)
@@ -116,7 +116,7 @@ class Content:
             elif labels != " ".join(given) or (given and len(set(map(key, given))) != arity):
                 sentence = f"has the labels {labels!r:.80}, which are not {arity} different ones"
             else:
-                shapes[kind, name_key] = InferredSignature(name, arity, tuple(given) or None)
+                inferred[kind, name_key] = InferredSignature(name, arity, tuple(given) or None)
                 continue
             yield Contradiction("symbols", [number, name_key], sentence)
 
@@ -226,7 +226,7 @@ class Content:
         domain = symbols.domain
         symbols.ordered(timeline.kind, timeline.name, timeline.arguments, ())
         if domain is None:
-            if (timeline.kind, timeline.keys[0]) not in symbols.shapes:
+            if (timeline.kind, timeline.keys[0]) not in symbols.inferred:
                 raise _Wrong(f"has the symbol {timeline.name}, which no line in symbols has", row)
             return
         if timeline.kind is KnowledgeType.FACT and timeline.role is Role.STATE and domain.is_derived(timeline.name):

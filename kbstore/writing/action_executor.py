@@ -204,7 +204,7 @@ class ActionExecutor:
         for entry in self.running:
             if entry.run.number == run.number:
                 return entry
-        raise NotApplicable(f"({' '.join((run.operator, *run.arguments))}) does not run; it has ended or was aborted")
+        raise NotApplicable(f"{run.action} does not run; it has ended or was aborted")
 
     def _refuse_running(self, action: GroundAction) -> None:
         wanted = [key(name) for name in (action.action.name, *action.arguments)]

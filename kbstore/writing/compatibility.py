@@ -71,10 +71,10 @@ def _run_violations(domain: Domain, resolver: NameResolver, entry: RunningAction
     try:
         action = domain.action(run.operator)
     except KbStoreError as error:
-        yield f"({run.operator} {' '.join(run.arguments)}) runs: {error}"
+        yield f"{run.action} runs: {error}"
         return
     if len(action.parameters) != len(run.arguments) or not action.durative:
-        yield f"({run.operator} {' '.join(run.arguments)}) runs, but is another action in the domain {domain.name}"
+        yield f"{run.action} runs, but is another action in the domain {domain.name}"
         return
     types = [parameter.types for parameter in action.parameters]
-    yield from resolver.object_violations(f"({run.operator} {' '.join(run.arguments)})", run.arguments, types, t)
+    yield from resolver.object_violations(run.action, run.arguments, types, t)

@@ -34,7 +34,7 @@ _forms_of: WeakKeyDictionary[Domain, dict[tuple[KnowledgeType, str], _Form]] = W
 
 
 class NameResolver:
-    """Finds the timelines of atoms and objects in a change set. Without a domain it checks shapes only."""
+    """Finds the timelines of atoms and objects in a change set; without a domain, it checks names and arities only."""
 
     def __init__(self, change_set: ChangeSet, symbols: SymbolTable) -> None:
         self.symbols = symbols
@@ -119,7 +119,7 @@ class NameResolver:
 
     def atom_violations(self, kind: KnowledgeType, name: str, arguments: Sequence[str], t: int) -> Iterator[str]:
         """Check a ground atom, whose arity has been checked, at a time."""
-        atom = f"({' '.join((name, *arguments))})"
+        atom = str(Atom(name, tuple(arguments)))
         signature = self.symbols.signature(kind, name)
         if signature is not None:
             yield from self.object_violations(atom, arguments, (p.types for p in signature.parameters), t)
@@ -127,7 +127,7 @@ class NameResolver:
         wrong = names.problem(name)
         if wrong:
             yield f"the name {name!r:.60} {wrong}"
-        elif (kind, key(name)) not in self.symbols.shapes and not can_be_read_back(kind, name, len(arguments)):
+        elif (kind, key(name)) not in self.symbols.inferred and not can_be_read_back(kind, name, len(arguments)):
             yield f"{atom:.200} means something else in PDDL; give the {_SYMBOLS[kind]} another name"
         yield from self.object_violations(atom, arguments, [("object",)] * len(arguments), t)
 

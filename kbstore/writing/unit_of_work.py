@@ -106,8 +106,8 @@ class OpenTransaction:
             )
         self.now = reader.resolver.now_for_writing(self._head)
         stored = reader.symbol_table(self._repository, self._head, LogPosition(self.now))
-        self._symbols = SymbolTable(stored.domain, dict(stored.shapes))
-        self._stored_shapes = dict(stored.shapes)
+        self._symbols = SymbolTable(stored.domain, dict(stored.inferred))
+        self._stored_inferred = dict(stored.inferred)
         self._domain = stored.domain
         self._change_set = ChangeSet(self._repository, self.now, mentions)
         running = reader.running(self._repository, LogPosition(self.now), self._head)
@@ -155,9 +155,9 @@ class OpenTransaction:
         if not writes.changes:
             return Transaction(self._head.number, self.now, self._client, self._note, 0)
         writes.symbols = [
-            SymbolRow(int(kind), name_key, shape.name, shape.arity, " ".join(shape.labels or ()))
-            for (kind, name_key), shape in self._symbols.shapes.items()
-            if self._stored_shapes.get((kind, name_key)) != shape
+            SymbolRow(int(kind), name_key, signature.name, signature.arity, " ".join(signature.labels or ()))
+            for (kind, name_key), signature in self._symbols.inferred.items()
+            if self._stored_inferred.get((kind, name_key)) != signature
         ]
         writes.timelines += [
             Timeline(0, Role.LOAD, KnowledgeType.EXPRESSION, digest, None)
@@ -188,14 +188,14 @@ class OpenTransaction:
     def _atomic(self) -> Iterator[None]:
         """On an error in the block, take back everything that was changed in it, what runs included (rule C1)."""
         self._change_set.savepoint()
-        runs, shapes = self._executor.copy(), dict(self._symbols.shapes)
+        runs, inferred = self._executor.copy(), dict(self._symbols.inferred)
         try:
             yield
         except KbStoreError:
             self._change_set.roll_back()
             self._executor.restore(runs)
-            self._symbols.shapes.clear()
-            self._symbols.shapes.update(shapes)
+            self._symbols.inferred.clear()
+            self._symbols.inferred.update(inferred)
             raise
 
     # -- updates ----------------------------------------------------------------------------------------------

@@ -7,6 +7,7 @@ import pytest
 from kbstore.clock import seconds
 from kbstore.messages import Condition, Expression, Fact, Function, Goal, Inequality, Instance, KnowledgeItem
 from kbstore.model.domain import Domain
+from kbstore.model.results import Run
 from kbstore.pddl.domain_reader import read_domain
 from kbstore.pddl.parse import parse_item
 from kbstore.pddl.problem_reader import read_problem
@@ -19,16 +20,6 @@ TEXT = """; a domain
   (:functions (battery ?r - robot) (total-cost)))
 """
 DOMAIN = read_domain(TEXT)
-
-
-@dataclass(frozen=True)
-class Run:
-    """An action that runs."""
-
-    operator: str
-    arguments: tuple[str, ...]
-    started: int
-    duration: int
 
 
 @dataclass

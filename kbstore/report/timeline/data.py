@@ -75,15 +75,15 @@ class _Collector:
         self._lanes = Lanes(patterns)
         self._now = kb.now()
         # assertions that were over for good by then are not shown
-        standing = kb._history.standing(since, most)
-        self._base = standing.number
+        baseline = kb._history.baseline(since, most)
+        self._base = baseline.number
         self._changes = list(kb.changes(self._base))
-        self._asserted = [(found, found.recorded.number) for found in standing.assertions]
+        self._asserted = [(found, found.recorded.number) for found in baseline.assertions]
         self._asserted += [(found, change.number) for change in self._changes for found in change.asserted]
         self._runs = kb.runs()
         self._transactions = self._known()
         self._latest = max((tx.number for tx in self._transactions), default=0)
-        self._first = standing.time or min([self._now, *map(_begin, self._changes)])
+        self._first = baseline.time or min([self._now, *map(_begin, self._changes)])
         self._last = self._until() if until is None else until
         self._scheduled_by: dict[int, dict[tuple[str, int], float]] = {}
 

@@ -253,7 +253,7 @@ def _run_fields(standing: Sequence[_Span], ended: Sequence[_Span]) -> dict[str, 
     assert latest is not None
     return {
         "value": ", ".join(texts),
-        "action": f"({' '.join((latest.operator, *latest.arguments))})",
+        "action": latest.action,
         "outcome": "running" if runs else latest.outcome,
         "started_by": latest.started_by,
         **({} if runs or latest.ended_by is None else {"ended_by": latest.ended_by}),
