@@ -10,7 +10,7 @@ import os
 import tempfile
 import uuid
 import warnings
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from contextlib import contextmanager, nullcontext
 
 import psycopg
@@ -47,15 +47,15 @@ OBJECTS = ("kenny - robot", "wp0 - place", "wp1 - place", "hall - room", "galley
 _numbers = itertools.count(1)
 
 
-def pytest_configure() -> None:
-    """Collect no garbage while tests are collected; what makes them stays."""
-    gc.disable()
-
-
-def pytest_collection_finish() -> None:
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Generator[None, object, object]:
     """Leave the tests and what they import out of the collections of garbage, each of which would walk through it."""
-    gc.freeze()
-    gc.enable()
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.freeze()
+        gc.enable()
 
 
 _HASTY = {"fsync": "off", "synchronous_commit": "off", "full_page_writes": "off"}
