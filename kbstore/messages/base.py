@@ -5,14 +5,16 @@ from decimal import Decimal
 from functools import cache
 from typing import Any, Generic, Self, TypeVar, overload
 
-from pydantic import BaseModel, ConfigDict, ValidationError, WrapSerializer, model_validator
+from pydantic import BaseModel, ConfigDict, PlainSerializer, ValidationError, model_validator
 
 from kbstore.errors import InvalidKnowledge, KbStoreError
 
 _Value = TypeVar("_Value")
 
-AS_LIST = WrapSerializer(lambda values, dump: list(dump(values)))
-"""Serializes a tuple, the frozen value of a field, as the list that a ROS message has."""
+
+def as_list(element: Any) -> PlainSerializer:
+    """Return what serializes a tuple of elements, the frozen value of a field, as the list that a ROS message has."""
+    return PlainSerializer(list, return_type=list[element])
 
 
 class lazy(Generic[_Value]):

@@ -3,12 +3,12 @@
 from collections.abc import Iterable
 from typing import Annotated, Any
 
-from kbstore.messages.base import AS_LIST, Message
+from kbstore.messages.base import Message, as_list
 from kbstore.messages.formulas import DomainAssignment, DomainFormula, DomainInequality
 
-_DomainFormulas = Annotated[tuple[DomainFormula, ...], AS_LIST]
-_DomainAssignments = Annotated[tuple[DomainAssignment, ...], AS_LIST]
-_DomainInequalities = Annotated[tuple[DomainInequality, ...], AS_LIST]
+_DomainFormulas = Annotated[tuple[DomainFormula, ...], as_list(DomainFormula)]
+_DomainAssignments = Annotated[tuple[DomainAssignment, ...], as_list(DomainAssignment)]
+_DomainInequalities = Annotated[tuple[DomainInequality, ...], as_list(DomainInequality)]
 
 
 class DomainOperator(Message):

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 from pydantic import BeforeValidator, model_validator
 
 from kbstore.errors import InvalidKnowledge
-from kbstore.messages.base import AS_LIST, Message, format_number
+from kbstore.messages.base import Message, as_list, format_number
 from kbstore.messages.enums import AssignOp, ComparisonType, ExprType, Operator, SpecialType
 
 
@@ -61,7 +61,7 @@ def _read_value(value: Any) -> Any:
 
 
 Values = Annotated[
-    tuple[Annotated[KeyValue, BeforeValidator(_read_value)], ...], BeforeValidator(_read_values), AS_LIST
+    tuple[Annotated[KeyValue, BeforeValidator(_read_value)], ...], BeforeValidator(_read_values), as_list(KeyValue)
 ]
 """Arguments with their labels; labels are empty where only names were given."""
 
@@ -124,7 +124,7 @@ class ExprBase(Message):
 class ExprComposite(Message):
     """A numeric expression: its tokens in prefix (Polish) order, of any depth."""
 
-    tokens: Annotated[tuple[ExprBase, ...], AS_LIST] = ()
+    tokens: Annotated[tuple[ExprBase, ...], as_list(ExprBase)] = ()
 
     @model_validator(mode="after")
     def _check(self) -> "ExprComposite":
