@@ -56,7 +56,7 @@ class Simulator:
     def __init__(
         self,
         start: int,
-        standing: Iterable[StateRow],
+        holding: Iterable[StateRow],
         pending: Iterable[StateRow],
         running: Iterable[RunningAction],
         *,
@@ -68,7 +68,7 @@ class Simulator:
     ) -> None:
         self.running = list(running)
         self._start = start
-        self._standing: dict[Identity, StateRow] = {row[0].identity: row for row in standing}
+        self._holding: dict[Identity, StateRow] = {row[0].identity: row for row in holding}
         # at one time, ends of objects come first
         self._pending = sorted(pending, key=lambda row: (row[1], not _is_end(row), row[0].id))
         self.domain = domain
@@ -83,7 +83,7 @@ class Simulator:
     @property
     def rows(self) -> list[StateRow]:
         """The rows that hold at the time up to which was played."""
-        return list(self._standing.values())
+        return list(self._holding.values())
 
     def advance(self, until: int) -> Iterator[Event]:
         """Play forward to a time, inclusive, and yield the changes in order."""
@@ -108,21 +108,21 @@ class Simulator:
     def _take_effect(self, timeline: Timeline, initial_time: int, value: Value) -> Iterator[Event]:
         if timeline.kind is KnowledgeType.FUNCTION:
             value = self._with_rate(timeline, value)
-        before = self._standing.get(timeline.identity)
+        before = self._holding.get(timeline.identity)
         yield self._put(timeline, value)
         existed = before is not None and not before[2][0]
         if timeline.kind is KnowledgeType.INSTANCE and value[0] and existed:
             name = timeline.key
             for mentioning, _, value in self.rows:
                 if name in self._mentions(mentioning, value):
-                    del self._standing[mentioning.identity]
+                    del self._holding[mentioning.identity]
                     yield Event(self._now, mentioning, None)
             if not self._recorded:
                 for entry in [entry for entry in self.running if name in map(key, entry.run.arguments)]:
                     yield from self._stop(entry)
 
     def _put(self, timeline: Timeline, value: Value, run: Run | None = None) -> Event:
-        self._standing[timeline.identity] = (timeline, self._now, value)
+        self._holding[timeline.identity] = (timeline, self._now, value)
         return Event(self._now, timeline, value, run)
 
     # -- rates ------------------------------------------------------------------------------------------------
@@ -142,7 +142,7 @@ class Simulator:
             timeline, since, value = row
             added = self._added.get(function, 0.0)
             if added is None and before is not None and before.get(function, 0.0) is not None:
-                del self._standing[timeline.identity]
+                del self._holding[timeline.identity]
                 yield Event(self._now, timeline, None, run)
             elif value[3] != value[2] + (added or 0.0):
                 number = number_at(value, since, self._now)
@@ -150,12 +150,12 @@ class Simulator:
 
     def moving(self) -> set[Atom]:
         """The functions with a rate of their own, now or scheduled."""
-        return moving_functions((*self._standing.values(), *self._pending))
+        return moving_functions((*self._holding.values(), *self._pending))
 
     def _row(self, function: Atom) -> StateRow | None:
         """Return the row of a function, given by keys; None while it is undefined."""
         name = atom_key((function.name, *function.arguments))
-        return self._standing.get(Identity(Role.STATE, KnowledgeType.FUNCTION, name))
+        return self._holding.get(Identity(Role.STATE, KnowledgeType.FUNCTION, name))
 
     def _is_sensed(self, function: Atom) -> bool:
         return self.domain is not None and function.name in self.domain.sensed
@@ -177,11 +177,11 @@ class Simulator:
         If they cannot be carried out, the action is expected to be aborted.
         """
         yield from self._stop(entry)
-        before = dict(self._standing)
+        before = dict(self._holding)
         try:
             events = [*self._put_changes(list(self._end_effects(entry)), entry.run), *self._follow(entry.run)]
         except KbStoreError:
-            self._standing = before
+            self._holding = before
             events = list(self._follow(entry.run))
         yield from events
 
@@ -203,7 +203,7 @@ class Simulator:
 
     def _put_changes(self, changes: Iterable[tuple[Timeline, Value | None]], run: Run) -> Iterator[Event]:
         for timeline, value in changes:
-            row = self._standing.get(timeline.identity)
+            row = self._holding.get(timeline.identity)
             if timeline.kind is KnowledgeType.FACT and row is not None and value == row[2]:
                 # a fact that holds already does not change (rule C2)
                 continue
@@ -211,7 +211,7 @@ class Simulator:
                 if timeline.kind is KnowledgeType.FUNCTION:
                     value = self._with_rate(timeline, value)  # noqa: PLW2901 - other runs still move it
                 yield self._put(timeline, value, run)
-            elif self._standing.pop(timeline.identity, None) is not None:
+            elif self._holding.pop(timeline.identity, None) is not None:
                 yield Event(self._now, timeline, None, run)
 
     def _end_effects(self, entry: RunningAction) -> Iterator[tuple[Timeline, Value | None]]:
@@ -232,7 +232,7 @@ class Simulator:
 
     def _timeline(self, kind: KnowledgeType, atom: Atom) -> Timeline:
         keys = [key(name) for name in (atom.name, *atom.arguments)]
-        row = self._standing.get(Identity(Role.STATE, kind, " ".join(keys)))
+        row = self._holding.get(Identity(Role.STATE, kind, " ".join(keys)))
         if row is not None:
             return row[0]
         assert self.domain is not None
@@ -246,7 +246,7 @@ class Simulator:
 
     def _spelling(self, name: str) -> str:
         """The name of an object that exists, as first written."""
-        return self._standing[Identity(Role.STATE, KnowledgeType.INSTANCE, name)][0].spelling
+        return self._holding[Identity(Role.STATE, KnowledgeType.INSTANCE, name)][0].spelling
 
     def _stop(self, entry: RunningAction) -> Iterator[Event]:
         """End a run's contributions to rates; the functions that it moved go on without them."""
@@ -258,7 +258,7 @@ class Simulator:
                 if row is not None:
                     timeline, since, value = row
                     number = value_at_end(value, since, added or 0.0, entry.run)
-                    self._standing[timeline.identity] = (timeline, self._now, (False, number, *value[2:]))
+                    self._holding[timeline.identity] = (timeline, self._now, (False, number, *value[2:]))
         yield from self._follow(entry.run)
 
 

@@ -259,7 +259,7 @@ class Explainer:
             latest = max(rows, key=lambda row: row.superseded or 0)
             number, reason, since = latest.superseded, "removed", latest.initial_time
         elif row.end_time > state.at:
-            number = row.told or row.recorded
+            number = row.first_recorded or row.recorded
             reason, since = ("explicitly false" if row.value[0] else "asserted"), row.initial_time
             if row.timeline.kind is KnowledgeType.INSTANCE and row.value[0]:
                 reason = "removed"

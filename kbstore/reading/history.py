@@ -142,7 +142,7 @@ class History:
     ) -> list[Assertion]:
         """Return rows as assertions; an end by the clock has the transaction that scheduled it."""
         enders = self.enders(repository, rows, upto)
-        spans = [(row.told or row.recorded, ended) for row, (ended, _) in zip(rows, enders, strict=True)]
+        spans = [(row.first_recorded or row.recorded, ended) for row, (ended, _) in zip(rows, enders, strict=True)]
         numbers = {number for pair in spans for number in pair}
         numbers |= {number for row in rows for number in (row.cancelled, row.superseded)}
         transactions = self.transactions(repository, {number for number in numbers if number is not None})

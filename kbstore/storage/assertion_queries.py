@@ -70,12 +70,12 @@ class AssertionQueries:
     # -- a state ------------------------------------------------------------------------------------------------
 
     @cached_property
-    def standing(self) -> Statement:
+    def holding(self) -> Statement:
         """The assertions that hold at :t by what is known now."""
         return Statement(lambda dialect: sa.union_all(*self._in_tree(dialect)))
 
     @cached_property
-    def standing_as_of(self) -> Statement:
+    def holding_as_of(self) -> Statement:
         """The assertions at :t by what was known after the transaction :number, whose time is not before :t."""
         columns = self._columns
         known = columns.recorded_tx <= parameter("number")

@@ -166,7 +166,7 @@ class Recorder:
     def _late_row(self, seq: int, new: LateAssertion) -> Sequence[Any]:
         start, end = new.initial_time, new.end_time
         ended_tx, cause = (None, None) if new.ended is None else (new.ended[0] or self._number, int(new.ended[1]))
-        key = (self._kb, seq, self._number, new.timeline.id, start, end, ended_tx, new.told)
+        key = (self._kb, seq, self._number, new.timeline.id, start, end, ended_tx, new.first_recorded)
         return (*key, level(start, end), cause, *new.value)
 
     def _revise(self, kind: KnowledgeType, row: StoredAssertion, what: Revision) -> None:

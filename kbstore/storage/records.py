@@ -11,18 +11,23 @@ from kbstore.messages import KnowledgeType
 from kbstore.model.timelines import EndCause, Timeline, Value
 
 StateRow = tuple[Timeline, int, Value]
-"""An assertion that holds, or is scheduled: its timeline, since when (or from when), and its value."""
+"""An assertion that holds or is scheduled: its timeline, its initial time in nanoseconds, and its value."""
 
 
 class Head(NamedTuple):
     """The row of a knowledge base that a writer locks: the end of its log.
 
     Attributes:
-        token: the random number of the last transaction.
+        number: the number of the last transaction.
+        time: its time, in nanoseconds.
+        token: its random token.
         late: the last transaction that recorded late knowledge; 0 if there is none.
         timeline: the number of the last timeline.
-        present: which kinds of rows there are, one bit for each knowledge type, and one for schedules.
-        source: the store that this one follows; None where this one is written to.
+        last_run: the number of the last run; 0 if there was none.
+        domain_version: the latest version of the domain; 0 if there is none.
+        history_from: the time from which on there is history; what was before has been archived.
+        present: which kinds of rows there are: one bit for each knowledge type, and one for schedules.
+        source: the original that this knowledge base is a copy of; None if it is not a copy.
     """
 
     number: int
@@ -38,7 +43,7 @@ class Head(NamedTuple):
 
 
 class LogPosition(NamedTuple):
-    """A position in the record: a time, or exactly after a transaction (`number`) of that time.
+    """A position in the log: a time in nanoseconds, or exactly after a transaction (`number`) of that time.
 
     `latest` is the last transaction of that time.
     """
@@ -49,9 +54,9 @@ class LogPosition(NamedTuple):
 
 
 class StoredAssertion(NamedTuple):
-    """A stored assertion as a writer needs it. The first two are its key.
+    """A stored assertion as a writer needs it; the first two fields are its key.
 
-    `recorded_time` and `is_derived` are for what lies ahead.
+    Only scheduled assertions have `recorded_time` and `is_derived`; for others they are None or False.
     """
 
     recorded_tx: int
@@ -64,41 +69,42 @@ class StoredAssertion(NamedTuple):
 
 
 StoredPoint = tuple[Any, ...]
-"""The row that answers a question about one timeline at one time, as of one commit; plain, as each question reads one.
+"""The row that answers a question about one timeline at one time; a plain tuple, because each question reads one.
 
-`token`, `time`, `history_from`, `domain_version` and `last_run` of the head; then of the latest assertion that begins
-no later `end_time`, `initial_time`, and the columns of its value. It holds if `end_time` is after the time that is
-asked about. Where there is none, `end_time` is None.
+It has `token`, `time`, `history_from`, `domain_version` and `last_run` of the head, then `end_time`, `initial_time` and
+the columns of the value of the latest assertion that begins by then. That assertion holds if `end_time` is after the
+time that is asked about. If there is none, `end_time` is None.
 """
 
 
 class KnownAssertion(NamedTuple):
-    """A stored assertion that is part of what is known now, as late knowledge needs it.
+    """A stored assertion that is known now, as late knowledge needs it.
 
     Attributes:
         ended, cause: the transaction that ended it at its own time, and why.
-        told: the transaction that first recorded it.
+        first_recorded: the transaction that first recorded it.
     """
 
     stored: StoredAssertion
     ended: int | None
     cause: int | None
-    told: int
+    first_recorded: int
 
 
 class LateAssertion(NamedTuple):
-    """A new assertion about the past: late knowledge, or what it has left of another.
+    """A new assertion about the past: late knowledge, or a part that it has left of another assertion.
 
     Attributes:
-        told: the transaction that first recorded it; None where that is this one.
-        ended: the transaction that ended it, None for this one, and why; None where it ends by what follows.
+        first_recorded: the transaction that first recorded it; None if that is the one being written.
+        ended: the transaction that ended it (None for the one being written) and why; None if it ends by the clock, or
+            by the next assertion.
     """
 
     timeline: Timeline
     initial_time: int
     end_time: int
     value: Value
-    told: int | None
+    first_recorded: int | None
     ended: tuple[int | None, EndCause] | None
 
 
@@ -106,7 +112,8 @@ class RecordedAssertion(NamedTuple):
     """A stored assertion as history needs it.
 
     Attributes:
-        told: of a part that late knowledge left of another assertion, the transaction that first recorded it.
+        first_recorded: for a part that late knowledge left of another assertion, the transaction that recorded that
+            one; otherwise None.
     """
 
     timeline: Timeline
@@ -117,7 +124,7 @@ class RecordedAssertion(NamedTuple):
     ended: int | None
     cancelled: int | None
     superseded: int | None
-    told: int | None
+    first_recorded: int | None
     cause: int | None
     value: Value
 
@@ -127,13 +134,13 @@ class RecordedAssertion(NamedTuple):
         return self.cancelled is None and self.superseded is None
 
     def followed(self, row: "RecordedAssertion") -> bool:
-        """Return whether it followed a row when that was recorded; late knowledge may have taken it away since then."""
+        """Return whether it followed a row when that was recorded; late knowledge may have superseded it since."""
         retired = self.superseded if self.end_time > self.initial_time else self.ended
         return self.cancelled is None and (retired is None or retired > row.recorded)
 
 
 class RevisionRow(NamedTuple):
-    """That a transaction has changed a row that was not simply open until then, and when the row had ended before."""
+    """A change, by the transaction `number`, to a row that was not simply open, and the end that the row had before."""
 
     number: int
     recorded: int
@@ -154,8 +161,9 @@ class RunRow(NamedTuple):
     """A stored run of a durative action.
 
     Attributes:
-        duration_s: its exact duration in seconds, of which `duration` is the rounding to nanoseconds.
-        remembered: the conditions at its start that its later effects depend on, and that were true.
+        started, duration, end_time: in nanoseconds.
+        duration_s: its exact duration in seconds, which `duration` rounds to nanoseconds.
+        remembered: the at-start conditions of its later effects that were true.
         forced: the conditions that were overruled at its start.
         outcome: "ended" or "aborted"; None while it runs.
         recorded, ended: the transactions that started and ended it.
@@ -184,7 +192,7 @@ class DomainRow(NamedTuple):
 
 
 class SymbolRow(NamedTuple):
-    """The shape of a symbol in a knowledge base without a domain (rule D2)."""
+    """The inferred signature of a symbol in a knowledge base without a domain (rule D2)."""
 
     knowledge_type: int
     key: str
@@ -201,25 +209,25 @@ class RowChanges:
     """The changes of one transaction to the rows of the store.
 
     Attributes:
-        timelines: those that are new; they get their numbers when they are stored.
-        touched: those that are stored, and on which something may change.
-        mentions: which timeline of an object is mentioned by which timeline.
-        ends: what ends now, and why.
-        cancels: what was scheduled and will not take effect.
-        supersedes: what late knowledge has changed; it stays on record as it was.
-        settles: what gets another end that lies ahead.
-        rates: scheduled values of functions whose rates change by what runs.
-        adds: new assertions, each with its timeline, when it begins and ends, and its value.
-        derived: functions that move at another rate from a later time on, by what their rates read (rule O5).
-        underived: what had been derived for later times, and is not any more.
+        timelines: new timelines; they get their numbers when they are stored.
+        touched: stored timelines on which something may change.
+        mentions: pairs of an object's timeline and a timeline that mentions the object.
+        ends: assertions that end now, each with the cause.
+        cancels: scheduled assertions that will not take effect.
+        supersedes: assertions that late knowledge replaces; they stay on record as they were.
+        settles: assertions whose end, which lies ahead, was derived anew, each with that end.
+        rates: scheduled values of functions, each with its new rate by what runs.
+        adds: new assertions: timeline, start, end, value.
+        derived: new derived assertions: functions that move at another rate from a later time on (rule O5).
+        underived: stored derived assertions that are to be deleted.
         late: new assertions about the past.
-        late_from: the earliest time about which late knowledge is recorded.
-        runs: those that start now.
-        ended_runs: those that end now: number, start and outcome ("ended" or "aborted").
+        late_from: the earliest time about which late knowledge is recorded, in nanoseconds.
+        runs: runs that start now.
+        ended_runs: runs that end now: number, start and outcome ("ended" or "aborted").
         domain: a new version of the domain.
-        symbols: new shapes of symbols.
+        symbols: new or changed inferred signatures of symbols.
         last_run: the number of the last run that was started.
-        changes: how many changes the transaction is said to have.
+        changes: the number of changes that is stored with the transaction.
     """
 
     timelines: list[Timeline] = field(default_factory=list)

@@ -264,7 +264,7 @@ class Repository:
                 self._read_ahead = {(kind, position): found for kind, found in by_kind.items()}
                 return
             kinds = tuple(kind for kind in KnowledgeType if head.present >> kind & 1)
-        reads = [(for_kind[kind].standing, self._at(position)) for kind in kinds]
+        reads = [(for_kind[kind].holding, self._at(position)) for kind in kinds]
         heads, *found = self._connection.all_at_once([(queries.head, {"kb": self._kb}), *reads])
         self._see(heads[0] if heads else None)
         self._read_ahead = {(kind, position): rows for kind, rows in zip(kinds, found, strict=True)}
@@ -275,14 +275,14 @@ class Repository:
             return []
         known = self._read_ahead.get((kind, position))
         if known is not None:
-            return self._standing(kind, known)
+            return self._state_rows(kind, known)
         statements, parameters = for_kind[kind], self._at(position)
         if position.number is None:
-            return self._standing(kind, self._connection.all(statements.standing, parameters))
-        rows = self._connection.all(statements.standing_as_of, parameters)
+            return self._state_rows(kind, self._connection.all(statements.holding, parameters))
+        rows = self._connection.all(statements.holding_as_of, parameters)
         if position.latest is not None and position.latest > position.number:
             rows = rows + self._connection.all(statements.ended_since, parameters | {"levels": self._levels})
-        return self._standing(kind, rows)
+        return self._state_rows(kind, rows)
 
     def value_at(self, kind: KnowledgeType, timeline: Timeline | None, t: int) -> StoredPoint | None:
         """Return the assertion of one timeline at a time, with the head, by one statement; for no timeline, the head.
@@ -339,7 +339,7 @@ class Repository:
             rows = self._connection.all(for_kind[kind].of_symbol, parameters)
         else:
             rows = self._connection.all(for_kind[kind].mentioning, parameters | {"object": mentioning.id})
-        return self._standing(kind, rows)
+        return self._state_rows(kind, rows)
 
     def scheduled_at(self, kind: KnowledgeType, position: LogPosition) -> list[StateRow]:
         """Return what had been scheduled at a position in the log, and takes effect after it."""
@@ -350,7 +350,7 @@ class Repository:
         if found is None:
             statement = queries.pending if position.number is None else queries.pending_as_of
             found = parameters["scheduled"] = self._by_key(self._connection.all(statement, parameters))
-        return self._standing(kind, [(*row[:2], *row[_VALUE:]) for row in found.get(kind, ())])
+        return self._state_rows(kind, [(*row[:2], *row[_VALUE:]) for row in found.get(kind, ())])
 
     def _has(self, kind: KnowledgeType) -> bool:
         """Return whether there are any assertions of a knowledge type to be asked for."""
@@ -397,7 +397,7 @@ class Repository:
             for kind, found in wanted.items()
         }
 
-    def _standing(self, kind: KnowledgeType, rows: list[SqlRow]) -> list[StateRow]:
+    def _state_rows(self, kind: KnowledgeType, rows: list[SqlRow]) -> list[StateRow]:
         try:
             return _with_timelines(rows, self._cache.by_id)
         except KeyError:

@@ -18,14 +18,14 @@ from kbstore.storage.statements import KB, Statement, constant
 Kinds = tuple[KnowledgeType, ...]
 
 _HEAD = -1
-"""What stands for the knowledge type in the row of the head."""
+"""The value in the place of the knowledge type that marks the head's row."""
 
 _kind_of = itemgetter(0)
 
 
 @lru_cache(maxsize=1 << len(KnowledgeType))
 def whole_state(kinds: Kinds) -> Statement:
-    """The head, and the assertions of some knowledge types that hold at :t; for PostgreSQL."""
+    """Return the statement for the head, and the assertions of some knowledge types that hold at :t, on PostgreSQL."""
     return Statement(lambda dialect: _union(dialect, kinds))
 
 
@@ -38,14 +38,14 @@ def _union(dialect: str, kinds: Kinds) -> Any:
         ).where(heads.kb_id == KB)
     ]
     for kind in kinds:
-        rows = for_kind[kind].standing.core(dialect).subquery(f"standing_{int(kind)}")
+        rows = for_kind[kind].holding.core(dialect).subquery(f"holding_{int(kind)}")
         common = (rows.c.timeline_id, rows.c.initial_time, rows.c.is_negative)
         branches.append(sa.select(constant(int(kind)), *common, *_own(kinds, kind, rows), sa.cast(sa.null(), sa.Text)))
     return sa.union_all(*branches)
 
 
 def _own(kinds: Kinds, of: KnowledgeType | None, rows: Any) -> list[Any]:
-    """The own columns of all knowledge types one after another, of which only those of one have values."""
+    """Return the own columns of all knowledge types, one after another; only those of the type `of` have values."""
     return [
         rows.c[column] if kind is of else sa.cast(sa.null(), tables.assertion_tables[kind].c[column].type)
         for kind in kinds
@@ -54,8 +54,8 @@ def _own(kinds: Kinds, of: KnowledgeType | None, rows: Any) -> list[Any]:
 
 
 def split(rows: Iterable[SqlRow], kinds: Kinds) -> tuple[SqlRow | None, dict[KnowledgeType, list[SqlRow]]]:
-    """The head's row, None if there is none, and the others by knowledge type, as `standing` has them."""
-    shapes = _shapes(kinds)
+    """Return the head's row (None if there is none), and the rows of `AssertionQueries.holding` by knowledge type."""
+    getters = _getters(kinds)
     head: SqlRow | None = None
     found: dict[KnowledgeType, list[SqlRow]] = {kind: [] for kind in kinds}
     # the server may give the parts in any order
@@ -63,16 +63,16 @@ def split(rows: Iterable[SqlRow], kinds: Kinds) -> tuple[SqlRow | None, dict[Kno
         if kind == _HEAD:
             head = tuple(json.loads(next(part)[-1]))
         else:
-            found[kind].extend(map(shapes[kind], part))
+            found[kind].extend(map(getters[kind], part))
     return head, found
 
 
 @lru_cache(maxsize=1 << len(KnowledgeType))
-def _shapes(kinds: Kinds) -> dict[KnowledgeType, "itemgetter[Any]"]:
-    """For each knowledge type what takes its columns from a row."""
-    shapes, place = {}, 4
+def _getters(kinds: Kinds) -> dict[KnowledgeType, "itemgetter[Any]"]:
+    """Return for each knowledge type a function that picks its columns from a row."""
+    getters, place = {}, 4
     for kind in kinds:
         width = len(tables.assertion_tables[kind].info[tables.OWN])
-        shapes[kind] = itemgetter(1, 2, 3, *range(place, place + width))
+        getters[kind] = itemgetter(1, 2, 3, *range(place, place + width))
         place += width
-    return shapes
+    return getters

@@ -1,1 +1,1 @@
-"""The one path for writing: a transaction, its handlers, its change set, and the rows that come of it."""
+"""The one path for writing: a transaction, its handlers, its change set, and the rows that result."""

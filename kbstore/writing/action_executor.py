@@ -1,4 +1,4 @@
-"""Operators in a transaction: what they change, and which durative ones run (rules O1 to O3)."""
+"""Executes operators in a transaction: checks them, records their effects, and starts and ends runs (O1 to O3)."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -53,19 +53,19 @@ class ActionExecutor:
         return len(self._started) + len(self._ended)
 
     def copy(self) -> tuple[list[RunningAction], int, list[RunningAction], list[tuple[RunningAction, str]]]:
-        """Return the part that `restore` takes back."""
+        """Return a copy of what may change, for `restore`."""
         return list(self.running), self.last_run, list(self._started), list(self._ended)
 
     def restore(
         self, copy: tuple[list[RunningAction], int, list[RunningAction], list[tuple[RunningAction, str]]]
     ) -> None:
-        """Take back what was done since the copy."""
+        """Undo what was done since the copy was made."""
         self.running, self.last_run, self._started, self._ended = copy
 
     # -- operators --------------------------------------------------------------------------------------------
 
     def apply(self, state: State, handlers: Handlers, operator: str, arguments: Sequence[str]) -> None:
-        """Do an instantaneous action."""
+        """Apply an instantaneous action. Raises `NotApplicable`."""
         action = _grounded(state.domain, state.snapshot, operator, arguments)
         if action.action.durative:
             raise NotApplicable(f"{action} takes time; start() it, and end() it when it is done")
@@ -82,7 +82,10 @@ class ActionExecutor:
         duration: DurationLike | None,
         force: bool,
     ) -> Run:
-        """Start a durative action; `force` overrules constraints on its duration and expected breaks (O6, O7)."""
+        """Start a durative action; `force` overrules constraints on its duration and expected breaks (O6, O7).
+
+        Raises `NotApplicable` if it runs already, if a condition does not hold, or if it would break an invariant.
+        """
         action = _grounded(state.domain, state.snapshot, operator, arguments)
         if not action.action.durative:
             raise NotApplicable(f"{action} takes no time; apply() does the whole of it")
@@ -109,7 +112,7 @@ class ActionExecutor:
         self._carry_out(handlers, at_start, state.snapshot)
         self.last_run += 1
         if state.domain is not None and is_moving(run.operator, state.domain):
-            # what is not linear is refused here
+            # raises an error if a rate is not linear
             after = effects.StateAfter(world, at_start.written(state.domain))
             rates([*self.running, entry], after, state.projection().moving())
         self.running.append(entry)
@@ -117,7 +120,10 @@ class ActionExecutor:
         return run
 
     def end(self, state: State, handlers: Handlers, run: Run) -> Applicability:
-        """End a durative action. Returns the at-end conditions and constraints that fail."""
+        """End a durative action, and return the at-end conditions and constraints that fail.
+
+        Raises `NotApplicable` if it does not run, or its effects cannot be computed.
+        """
         entry = self._running(run)
         try:
             action = _grounded(state.domain, state.snapshot, entry.run.operator, entry.run.arguments)
@@ -148,7 +154,7 @@ class ActionExecutor:
         try:
             length = chosen_duration(action, state.snapshot, None if duration is None else given_duration(duration))
         except (UndefinedFunction, DivisionByZero, InvalidKnowledge):
-            # nobody knows how long it takes: it is late from its start on
+            # its duration is unknown: as 0, the run is overdue from its start on
             length = Duration(0.0, 0)
         entry = RunningAction(self._next_run(handlers, action, length))
         self.last_run += 1
@@ -175,7 +181,10 @@ class ActionExecutor:
             self._stop(entry, "aborted")
 
     def _stopped(self, entry: RunningAction, handlers: Handlers, world: Snapshot) -> Interpretation:
-        """The state in which a run ends: at its expected end, it has moved numbers for exactly ``?duration`` (O7)."""
+        """Return the state in which a run ends.
+
+        At its expected end it has moved numbers for exactly ``?duration``, which nanoseconds only approximate (O7).
+        """
         run = entry.run
         if self._change_set.now != run.expected_end or not is_moving(run.operator, world.domain):
             return world
@@ -225,9 +234,9 @@ class ActionExecutor:
     # -- effects ----------------------------------------------------------------------------------------------
 
     def _carry_out(self, handlers: Handlers, found: Effects, world: Interpretation) -> None:
-        """Record the effects of one moment, all of which were evaluated on `world`, the state before (rule O2).
+        """Record the effects of one time, all of which were evaluated on `world`, the state before (rule O2).
 
-        Effects on what is sensed are left to sensors (rule O8).
+        Effects on sensed symbols are not recorded (rule O8).
         """
         change_set, now, resolve = self._change_set, self._change_set.now, handlers.resolver.effect_atom
         functions = {change.function for change in found.changes}
@@ -280,7 +289,7 @@ def applicability(
 ) -> Applicability:
     """Return whether an operator is applicable in a state, and the failing conditions, each with since when (O1).
 
-    The whole state is read only to tell what is expected to break while it runs.
+    `read_state` is called only if invariants have to be checked against what is expected during the run.
     """
     world = state.snapshot
     action = _grounded(state.domain, world, operator, arguments)
@@ -310,9 +319,9 @@ def _foreseen(breaks: Sequence[Break]) -> list[FailingCondition]:
 
 
 def _at_start(state: State, action: GroundAction, *, duration: float | None = None, force: bool = False) -> Effects:
-    """The at-start effects of an action, once its at-start conditions hold; `NotApplicable` where they do not.
+    """Evaluate the at-start effects of an action. Raises `NotApplicable` if its at-start conditions do not hold.
 
-    A number that an effect needs and that is not there has an error of its own.
+    Raises `UndefinedFunction` or `DivisionByZero` if an effect needs a number that has no value.
     """
     world = state.snapshot
     failing = planning.failing(action, Timing.AT_START, world, duration=duration)
@@ -330,14 +339,14 @@ def _explained(state: Explained, failing: Sequence[Failing]) -> Applicability:
 def _since(state: Explained, condition: Formula) -> int | None:
     try:
         if conditions.truth(condition, state.snapshot) is Truth.TRUE:
-            # the at-start effects of the action itself are what an over-all condition fails by
+            # an over-all condition that holds now: the action's own at-start effects will break it
             return state.at
         return state.explain(condition).since
     except HistoryUnavailable:
-        # it has failed for longer than history is kept
+        # it has failed since before the history in the store
         return None
     except InvalidKnowledge:
-        # it reads ?duration, so the state alone does not decide it
+        # it refers to ?duration, so the state alone does not decide it
         return None
 
 

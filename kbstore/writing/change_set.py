@@ -1,7 +1,7 @@
 """A transaction's working copy of the timelines that it touches (an identity map).
 
-Updates apply to the change set one after another. Only at the end is each timeline compared with what is stored
-(`kbstore.writing.flush`), so that of several updates of one timeline at one time only the last is recorded (rule C1).
+Updates apply to the change set one after another. At the end each timeline is compared with its stored rows
+(`kbstore.writing.flush`); so if a timeline was updated several times, only the last value is recorded (rule C1).
 """
 
 from collections import defaultdict
@@ -34,32 +34,32 @@ class ChangeSet:
         self.now = now
         self._repository = repository
         self.mentions = mentions
-        """Which objects an assertion mentions, by key."""
+        """A function that returns the keys of the objects that an assertion mentions."""
         self._groups: dict[_Group, dict[str, TimelineState]] = defaultdict(dict)
         self._by_id: dict[int, TimelineState] = {}
         self._absent: dict[_Group, set[str]] = defaultdict(set)
         self._new: list[TimelineState] = []
         self.objects_changed = 0
-        """The number of changes to the existence of objects here."""
+        """A counter of changes to the existence of objects; caches of object types compare it."""
         self._mentioning: dict[str, list[TimelineState]] = {}
         self._journal: dict[TimelineState, Copy] = {}
         self.late_from = OPEN
-        """The earliest past time about which something was changed."""
+        """The earliest time about which late knowledge changed something, in nanoseconds; `OPEN` if none did."""
 
     @property
     def past(self) -> Past:
         """The known past of the timelines."""
-        # made anew: kept, it would make a circle, and a transaction's memory wait for the garbage collector
+        # not stored: a reference cycle would leave the transaction's memory to the garbage collector
         return Past(self, self._repository)
 
     # -- timelines --------------------------------------------------------------------------------------------
 
     def group(self, role: Role, kind: KnowledgeType) -> dict[str, TimelineState]:
-        """The timelines of one role and knowledge type that have been touched, by key."""
+        """Return the timelines of one role and knowledge type that have been touched, by key."""
         return self._groups[role, kind]
 
     def state(self, identity: Identity, spelling: str) -> TimelineState:
-        """A timeline, made if there is none; `spelling` counts where it is new."""
+        """Return a timeline, created with `spelling` if there is none."""
         role, kind, name = identity
         group = self._groups[role, kind]
         state = group.get(name)
@@ -72,7 +72,7 @@ class ChangeSet:
         return state
 
     def find(self, identity: Identity) -> TimelineState | None:
-        """A timeline, None if there is none."""
+        """Return a timeline; None if there is none."""
         role, kind, name = identity
         group = self._groups[role, kind]
         state = group.get(name)
@@ -82,7 +82,7 @@ class ChangeSet:
         return state
 
     def load(self, role: Role, kind: KnowledgeType, keys: Iterable[str]) -> None:
-        """Read timelines at once, as far as they are stored."""
+        """Read the stored ones of some timelines, in one go."""
         group, absent = self._groups[role, kind], self._absent[role, kind]
         missing = [name for name in keys if name not in group and name not in absent]
         if missing:
@@ -90,7 +90,7 @@ class ChangeSet:
             self.loaded(self._repository.find(role, kind, missing).values())
 
     def prefetch(self, role: Role, items: Iterable[KnowledgeItem | Condition]) -> None:
-        """Load at once the timelines that items will touch, as far as they are known beforehand."""
+        """Load the timelines that items will touch, as far as they can be known beforehand, in one go."""
         atoms: dict[KnowledgeType, dict[str, Fact | Function]] = defaultdict(dict)
         objects: set[str] = set()
         for item in items:
@@ -103,13 +103,13 @@ class ChangeSet:
             states = self.group(role, kind)
             for name, atom in found.items():
                 state = states.get(name)
-                # what holds mentions only objects that exist
+                # an assertion that holds mentions only objects that exist, which need no check
                 if state is None or state.value is None:
                     objects.update(atom.key[1:])
         self.load(Role.STATE, KnowledgeType.INSTANCE, objects)
 
     def object(self, name: str) -> TimelineState | None:
-        """The INSTANCE timeline of an object by its key, None if there is none."""
+        """Return the INSTANCE timeline of an object by its key; None if there is none."""
         return self.find(Identity(Role.STATE, KnowledgeType.INSTANCE, name))
 
     def loaded(self, timelines: Iterable[Timeline]) -> list[TimelineState]:
@@ -128,7 +128,7 @@ class ChangeSet:
         return [self._by_id[timeline.id] for timeline in timelines]
 
     def states(self) -> Iterable[TimelineState]:
-        """All timelines that have been touched."""
+        """Return all timelines that have been touched."""
         return chain.from_iterable(self._groups[group].values() for group in sorted(self._groups))
 
     # -- changes ----------------------------------------------------------------------------------------------
@@ -138,7 +138,7 @@ class ChangeSet:
         return state.ahead.get(t) if t > self.now else state.value
 
     def put(self, state: TimelineState, value: Value, t: int) -> None:
-        """Let a value hold from now on; from a later time, in place of what was scheduled for it (rule C6)."""
+        """Assert a value from now on; or schedule it for a later time, instead of another for that time (rule C6)."""
         self.touch(state)
         if t > self.now:
             state.ahead[t] = value
@@ -160,18 +160,18 @@ class ChangeSet:
             state.past.is_ended_now = True
 
     def touch(self, state: TimelineState) -> None:
-        """Note that a timeline is about to change."""
+        """Note that a timeline is about to change, so that `roll_back` can restore it."""
         if state not in self._journal:
             self._journal[state] = state.copy()
         if state.timeline.kind is KnowledgeType.INSTANCE:
             self.objects_changed += 1
 
     def savepoint(self) -> None:
-        """From here on, `roll_back` takes changes back."""
+        """Set the point to which `roll_back` returns."""
         self._journal.clear()
 
     def roll_back(self) -> None:
-        """Take back every change since the savepoint."""
+        """Undo every change since the savepoint."""
         for state, copy in self._journal.items():
             state.restore(copy)
         self._journal.clear()
@@ -184,7 +184,7 @@ class ChangeSet:
         return state is not None and (base is None or state.value != value_now(KnowledgeType.FUNCTION, base, self.now))
 
     def follow(self, events: Iterable[Event]) -> None:
-        """Take over how numbers move by what runs (rule O5): now, and from later times on as derived assertions."""
+        """Take over the values and rates that runs give to numbers: now, and later as derived assertions (rule O5)."""
         for state in self.loaded(self._repository.derived_ahead(self.now)):
             state.derived = {}
         for event in events:
@@ -206,15 +206,18 @@ class ChangeSet:
         return lifespans_of(state.value, state.ahead, self.now)
 
     def stored_lifespans(self, state: TimelineState) -> list[Lifespan]:
-        """Return the same as stored."""
+        """Return the lifespans of an INSTANCE timeline's object from now on as they are stored."""
         base = state.base(self.now)
         ahead = {t: row.value for t, row in state.stored_ahead.items()}
         return lifespans_of(None if base is None else base.value, ahead, self.now)
 
     def drop_mentions(self, state: TimelineState, before: Sequence[Lifespan], cause: EndCause) -> None:
-        """End and cancel what mentions an object, from when it does not exist any more to its next start (rule C9)."""
+        """End and cancel what mentions an object, from the end of its existence to its next start (rule C9).
+
+        `before` are its lifespans before the change.
+        """
         after = self.lifespans(state)
-        # without a domain something may have been scheduled even for a time in which it did not exist
+        # up to the next start: without a domain, assertions may be scheduled for times at which it does not exist
         lost = [
             (start, min((lifespan.start for lifespan in after if lifespan.start > start), default=OPEN))
             for start, _ in lost_time(before, after)
@@ -229,12 +232,12 @@ class ChangeSet:
                     self.take(mentioning, t, cause)
 
     def _is_about(self, state: TimelineState, t: int | None, about: TimelineState) -> bool:
-        """Return whether the value now, or for `t`, mentions an object: the metric's timeline has various values."""
+        """Return whether the value now, or at `t`, mentions an object: values of the metric mention different ones."""
         value = state.value if t is None else state.ahead[t]
         return value is not None and about.timeline.key in self.mentions(state.timeline, value)
 
     def mentioning(self, state: TimelineState) -> list[TimelineState]:
-        """The timelines that mention the object of an INSTANCE timeline, stored and new."""
+        """Return the timelines that mention the object of an INSTANCE timeline, stored and new."""
         name = state.timeline.key
         stored = self._mentioning.get(name)
         if stored is None:
@@ -243,7 +246,7 @@ class ChangeSet:
         return [*stored, *(state for state in self._new_mentioning().get(name, ()) if state not in stored)]
 
     def _new_mentioning(self) -> dict[str, list[TimelineState]]:
-        """By object, the timelines mentioning it that are new, or whose mentions vary by value (the metric)."""
+        """Return, by object, the timelines mentioning it that are new, or whose mentions vary by value (the metric)."""
         by_object: dict[str, list[TimelineState]] = defaultdict(list)
         metric = self._groups[Role.STATE, KnowledgeType.EXPRESSION].values()
         for state in dict.fromkeys((*self._new, *metric)):
@@ -255,7 +258,7 @@ class ChangeSet:
         return by_object
 
     def overlay(self, rows: dict[Identity, StateRow], pending: dict[tuple[Identity, int], StateRow]) -> None:
-        """Replace stored rows, those that hold now and those pending, by what the transaction makes of them."""
+        """Apply the transaction's changes to stored rows: those that hold now, and the scheduled ones."""
         for state in list(self.states()):
             identity = state.timeline.identity
             base = state.base(self.now)

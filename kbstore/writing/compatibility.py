@@ -1,4 +1,4 @@
-"""Compatibility of what holds, is scheduled and runs with another version of the domain (rule D4)."""
+"""Checks that what holds, is scheduled and runs fits another version of the domain (rule D4)."""
 
 from collections.abc import Iterable, Iterator
 
@@ -43,7 +43,9 @@ def _timeline_violations(
             except KbStoreError as error:
                 return violations_of(error, f"({timeline.spelling})")
             if timeline.role is Role.STATE and timeline.kind is KnowledgeType.FACT and domain.is_derived(timeline.name):
-                return [f"({timeline.spelling}) is stated, but {timeline.name} is derived in the domain {domain.name}"]
+                return [
+                    f"({timeline.spelling}) is asserted, but {timeline.name} is derived in the domain {domain.name}"
+                ]
             return resolver.atom_violations(timeline.kind, timeline.name, timeline.arguments, t)
         case KnowledgeType.EXPRESSION if timeline.role is Role.STATE:
             return naming(f"{value[1]} {value[2]}", expression_violations(resolver, parse_expression(value[2]), t))

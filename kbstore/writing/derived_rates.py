@@ -1,7 +1,7 @@
-"""Derived rates ahead, for a copy that has been brought to a transaction that is not its source's last.
+"""Derives the rates of numbers at later times, in a copy that does not go as far as its original.
 
-What is derived for later times (rule O5) is deleted and derived again by later transactions, and of an earlier one it
-is not stored any more. The copy derives it as the source did.
+Later transactions delete what earlier ones derived for later times (rule O5), and derive it anew. So the original does
+not have any more what was derived at the copy's last transaction, and the copy derives it itself.
 """
 
 from kbstore.reading.domains import DomainVersions
@@ -16,7 +16,7 @@ from kbstore.writing.working_state import WorkingState
 
 
 def derive_rates(repository: Repository, head: Head, *, use_unknowns: bool) -> None:
-    """Derive how numbers move from the time of the head on, by what runs; in the transaction that has put the head."""
+    """Derive how runs move numbers from the time of the head on; called in the transaction that wrote the head."""
     position = LogPosition(head.time)
     running = [as_running(row) for row in repository.running(position)]
     if not running:

@@ -1,8 +1,8 @@
-"""The flush of a transaction's change set to rows: what each timeline comes to, compared with what is stored.
+"""Turns a transaction's change set into row changes, by comparing each timeline with its stored rows.
 
-Ends that lie ahead are always derived: a row that no transaction ends at its own time ends at the earlier of the next
-assertion on its timeline and the end of the existence of any object that it mentions (rules V1, C6, C9). They are
-derived anew for everything that the transaction touched.
+Ends that lie ahead are always derived: a row ends at the next assertion on its timeline, or when an object that it
+mentions ceases to exist, whichever is earlier (rules V1, C6, C9). They are derived anew for everything that the
+transaction touched.
 """
 
 from collections.abc import Sequence
@@ -17,7 +17,7 @@ from kbstore.writing.lifespans import Lifespan
 from kbstore.writing.timeline_state import TimelineState, value_now
 
 Line = list[tuple[int, Value | None, StoredAssertion | None, bool]]
-"""The values of a timeline from now on: initial time, value, the stored row, whether it is derived."""
+"""The assertions on a timeline from now on: initial time, value (None: nothing), stored row if any, is derived."""
 
 
 class Flush:
@@ -31,13 +31,13 @@ class Flush:
         self._writes = RowChanges()
 
     def rows(self) -> RowChanges:
-        """Compare with what is stored: what the transaction has to write."""
+        """Return the row changes that the transaction has to write."""
         writes = self._writes
         if self._set.objects_changed:
             for track in list(self._objects.values()):
                 if _ends(self._set.lifespans(track)) != _ends(self._set.stored_lifespans(track)):
                     self._set.mentioning(track)
-        # objects on which nothing is scheduled end nothing ahead
+        # only objects with a schedule can end assertions at later times
         ends = {track.timeline.key: _ends(self._set.lifespans(track)) for track in self._all_scheduled_objects()}
         for track in list(self._set.states()):
             self._finish_track(track, ends)
@@ -47,7 +47,7 @@ class Flush:
         return writes
 
     def _note_new(self) -> None:
-        """The timelines that are new, and which objects they mention."""
+        """Add the new timelines, and the objects that they mention, to what is written."""
         writes = self._writes
         new: dict[Timeline, None] = {}
         objects = self._objects
@@ -79,7 +79,7 @@ class Flush:
     def _finish_track(self, track: TimelineState, ends: dict[str, list[int]]) -> None:
         writes = self._writes
         kind = track.timeline.kind
-        line, changed = self._edited(track) if track.is_edited else self._standing(track)
+        line, changed = self._edited(track) if track.is_edited else self._present(track)
         is_touched = False
         if track.has_schedule:
             is_touched = True
@@ -102,8 +102,8 @@ class Flush:
             elif stored is None:
                 changed = True
                 if start < self._now:
-                    told = self._set.past.pieces(track)[-1].told
-                    writes.late[kind].append(LateAssertion(track.timeline, start, end, entry, told, None))
+                    first_recorded = self._set.past.pieces(track)[-1].first_recorded
+                    writes.late[kind].append(LateAssertion(track.timeline, start, end, entry, first_recorded, None))
                 else:
                     writes.adds[kind].append((track.timeline, start, end, entry))
             elif stored.end_time != end:
@@ -113,8 +113,8 @@ class Flush:
         if track.timeline.id and (is_touched or changed):
             writes.touched.append(track.timeline)
 
-    def _standing(self, track: TimelineState) -> tuple[Line, bool]:
-        """Return what holds now on a timeline, and whether that has changed."""
+    def _present(self, track: TimelineState) -> tuple[Line, bool]:
+        """Return the assertion that holds now on a timeline, if any, and whether that has changed."""
         writes = self._writes
         base = track.base(self._now)
         if base is not None and track.value == value_now(track.timeline.kind, base, self._now):
@@ -125,7 +125,7 @@ class Flush:
         return ([] if track.value is None else [(self._now, track.value, None, False)]), base is not None
 
     def _schedule(self, track: TimelineState, line: Line) -> bool:
-        """Put into a line what is scheduled and what is derived; whether something is cancelled."""
+        """Add the scheduled and the derived assertions to a line, and return whether something is cancelled."""
         writes = self._writes
         kind = track.timeline.kind
         for t in sorted({**track.derived, **track.ahead}):
@@ -151,7 +151,7 @@ class Flush:
         return bool(cancelled)
 
     def _edited(self, track: TimelineState) -> tuple[Line, bool]:
-        """The same where late knowledge has changed what is known of the past (rule L8)."""
+        """Return the same as `_present` for a timeline whose past was changed by late knowledge (rule L8)."""
         writes = self._writes
         kind = track.timeline.kind
         assert track.past is not None
@@ -183,7 +183,7 @@ class Flush:
                 if piece.end == self._now and ended is None and is_ended_now:
                     ended = (None, track.cause)
                 writes.late[kind].append(
-                    LateAssertion(track.timeline, start, piece.end, piece.value, piece.told, ended)
+                    LateAssertion(track.timeline, start, piece.end, piece.value, piece.first_recorded, ended)
                 )
         return line, changed
 
@@ -193,5 +193,5 @@ def _ends(existences: Sequence[Lifespan]) -> list[int]:
 
 
 def _same_but_rate(kind: KnowledgeType, stored: Value, value: Value) -> bool:
-    """Return whether a scheduled value is the stored one; a function's rate besides its own is derived."""
+    """Return whether a scheduled value is the stored one, apart from the derived rate of a function."""
     return stored[:3] == value[:3] if kind is KnowledgeType.FUNCTION else stored == value

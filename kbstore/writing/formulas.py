@@ -1,4 +1,4 @@
-"""Formulas that are to be recorded, such as goals: checked (rule D1), and with their names as first written (D3)."""
+"""Checks formulas that are to be recorded, such as goals (rule D1), and spells names as first written (rule D3)."""
 
 from collections.abc import Iterator
 from itertools import chain
@@ -32,7 +32,7 @@ _UNBOUND: frozenset[str] = frozenset()
 def condition_violations(
     resolver: NameResolver, condition: Formula, t: int, bound: frozenset[str] = _UNBOUND
 ) -> Iterator[str]:
-    """Return what is wrong with a condition at a time, each in one sentence; `bound` are quantified keys."""
+    """Yield what is wrong with a condition at a time, each in one sentence; `bound` are the keys of bound variables."""
     match condition:
         case Atom():
             yield from _atom_violations(resolver, KnowledgeType.FACT, condition, t, bound)
@@ -58,7 +58,7 @@ def condition_violations(
 def expression_violations(
     resolver: NameResolver, expression: NumericExpression, t: int, bound: frozenset[str] = _UNBOUND
 ) -> Iterator[str]:
-    """Return what is wrong with the functions that an expression reads."""
+    """Yield what is wrong with the functions that an expression reads, each in one sentence."""
     for atom in atoms_of(expression):
         if key(atom.name) != VIOLATION_METRIC:
             yield from _atom_violations(resolver, KnowledgeType.FUNCTION, atom, t, bound)
@@ -85,7 +85,7 @@ def _atom_violations(
         return
     types = [p.types for p in signature.parameters] if signature else [("object",)] * len(atom.arguments)
     fitting = [pair for pair in zip(atom.arguments, types, strict=True) if pair[0][:1] != "("]
-    # what the value of an object fluent is, is not computed; the objects that its term names exist
+    # values of object fluents are not computed, so their types are not checked; objects in their terms have to exist
     fitting += [(name, ("object",)) for term in atom.arguments if term[:1] == "(" for name in names_in(term)]
     ground = [pair for pair in fitting if not _is_bound(pair[0], bound)]
     yield from resolver.object_violations(str(atom), [name for name, _ in ground], [types for _, types in ground], t)
@@ -126,13 +126,13 @@ def canonical_condition(resolver: NameResolver, condition: Formula) -> Formula:
 
 
 def canonical_expression(resolver: NameResolver, expression: NumericExpression) -> NumericExpression:
-    """The same for a numeric expression."""
+    """Spell symbols as declared, and objects as first named, in a numeric expression that has been checked."""
     kind = KnowledgeType.FUNCTION
     return tuple([_canonical_atom(resolver, kind, token) if isinstance(token, Atom) else token for token in expression])
 
 
 def canonical_term(resolver: NameResolver, name: str) -> str:
-    """The object's name as first written; a variable and an object fluent's term stay as they are."""
+    """Return an object's name as first written; variables and object fluents' terms stay as they are."""
     return name if is_wildcard(name) or name[0] == "(" else resolver.object(name).timeline.spelling
 
 

@@ -1,4 +1,4 @@
-"""Command handlers: what each kind of update does to a transaction's change set (rules C2 to C12).
+"""Command handlers: apply each kind of update to a transaction's change set (rules C2 to C12).
 
 Every method returns the violations that it found; if there are any, it has changed nothing.
 """
@@ -46,9 +46,10 @@ _NONE: Violations = ()
 
 
 class Handlers:
-    """Applies updates to a change set, one after another, at one now.
+    """Applies updates to a change set, one after another, all at the same now.
 
-    Each update has one time `t`: now, or later (rule T4). At a later time, adding schedules and removing cancels.
+    Each update has a time `t` in nanoseconds: now, or later (rule T4). At a later time, adding means to schedule, and
+    removing to cancel.
     """
 
     def __init__(
@@ -94,13 +95,13 @@ class Handlers:
                 return self._add_condition(goal.text, Role.GOAL, t)
 
     def add_constraint(self, text: str, about: str = "", t: int = 0) -> Violations:
-        """Keep what a problem says and no message carries, from `t` on, instead of what was kept `about` the same."""
+        """Assert a part of a problem that no item can carry, from `t` on; it replaces another with the same `about`."""
         state = self._formula_state(about or text, Role.CONSTRAINT, KnowledgeType.EXPRESSION)
         self._put(state, (False, "", text), max(t, self._now))
         return _NONE
 
     def end_uncertain(self) -> None:
-        """End what initial states say of unknown atoms, such as ``(oneof (p) (q))``, once one is asserted (rule P4)."""
+        """End constraints on unknown atoms, such as ``(oneof (p) (q))``, if one of the atoms is asserted (rule P4)."""
         facts = self._change_set.group(Role.STATE, KnowledgeType.FACT)
         asserted = {name for name, state in facts.items() if state.value is not None}
         if not asserted:
@@ -206,12 +207,12 @@ class Handlers:
             return violations
         spelled = condition_text(canonical_condition(self.resolver, formula))
         state = self._formula_state(spelled, role, KnowledgeType.EXPRESSION)
-        # variables, too, are spelled as when the condition was first recorded
+        # as first recorded: spellings that differ only in case, also of variables, share a timeline
         self._put(state, (False, "", state.timeline.spelling), t)
         return _NONE
 
     def _inequality(self, item: Inequality) -> Formula:
-        """The comparison that an inequality records, without its sign."""
+        """Return the comparison that an inequality records, without its sign."""
         return condition_of(item.changed(is_negative=False), self._symbols.domain)
 
     def _formula_state(self, text: str, role: Role, kind: KnowledgeType) -> TimelineState:
@@ -220,7 +221,7 @@ class Handlers:
     # -- removing ---------------------------------------------------------------------------------------------
 
     def remove(self, item: KnowledgeItem, t: int) -> Violations:
-        """Remove what matches an item from the state; at a time after now, cancel what is scheduled for it."""
+        """Remove what matches an item from the state; at a time after now, cancel what is scheduled for that time."""
         match item:
             case Fact():
                 return self._remove_atoms(item, KnowledgeType.FACT, Role.STATE, t)
@@ -285,7 +286,7 @@ class Handlers:
         return _NONE
 
     def _matching(self, role: Role, kind: KnowledgeType, pattern: Sequence[str], t: int) -> list[TimelineState]:
-        """The timelines that match a pattern, and on which something holds now, or is scheduled."""
+        """Return the timelines that match a pattern: all that may have something to remove at `t`."""
         if not any(map(is_wildcard, pattern)):
             state = self._change_set.find(Identity(role, kind, atom_key(pattern)))
             return [] if state is None else [state]
@@ -302,7 +303,7 @@ class Handlers:
         ]
 
     def _candidates(self, role: Role, kind: KnowledgeType, pattern: Sequence[str], t: int) -> Iterable[Timeline]:
-        """The stored timelines among which those are that a pattern with wildcards matches."""
+        """Return the stored timelines that may match a pattern with wildcards."""
         read = self._repository.scheduled_at if t > self._now else self._repository.state_at
         return [timeline for timeline, *_ in read(kind, LogPosition(self._now))]
 
@@ -337,7 +338,7 @@ class Handlers:
     # -- replacing --------------------------------------------------------------------------------------------
 
     def assert_now(self, item: KnowledgeItem, t: int) -> Violations:
-        """Add an item of what the state is to be (rule C13)."""
+        """Add an item of the state that `replace` asks for (rule C13)."""
         if t > self._now:
             return [f"{item} is for {isoformat(t)}; replace() makes the state of now, schedule it with add()"]
         if isinstance(item, Expression):
@@ -347,11 +348,11 @@ class Handlers:
         return self.add(item, t)
 
     def remove_others(self, items: Iterable[KnowledgeItem | Condition]) -> Violations:
-        """Remove the objects, facts, functions and inequalities that hold and are not among items (rule C13)."""
+        """Remove the objects, facts, functions and inequalities that hold and are not among some items (rule C13)."""
         kept = set(map(self._identity, items))
         position = LogPosition(self._now)
         kinds = (KnowledgeType.INSTANCE, KnowledgeType.FACT, KnowledgeType.FUNCTION, KnowledgeType.INEQUALITY)
-        for kind in kinds:  # objects first: what mentions one that is missing ends with it
+        for kind in kinds:  # objects first: what mentions a removed one ends with it
             self._change_set.loaded(timeline for timeline, *_ in self._repository.state_at(kind, position))
             for state in list(self._change_set.group(Role.STATE, kind).values()):
                 if state.value is None or state.timeline.identity in kept:
@@ -363,7 +364,7 @@ class Handlers:
         return _NONE
 
     def _identity(self, item: KnowledgeItem | Condition) -> Identity | None:
-        """The timeline that an item is about; None where it is wrong, or says that an object does not exist."""
+        """Return the timeline that an item is about; None if the item is wrong, or ends an object."""
         match item:
             case Fact() | Function():
                 kind = item.knowledge_type
@@ -389,7 +390,7 @@ class Handlers:
                 self._change_set.take(state, t, EndCause.CLEARED)
 
     def everything(self) -> list[TimelineState]:
-        """The timelines of everything that holds or is scheduled."""
+        """Return the timelines of everything that holds or is scheduled."""
         position = LogPosition(self._now)
         for kind in KnowledgeType:
             rows = [*self._repository.state_at(kind, position), *self._repository.scheduled_at(kind, position)]

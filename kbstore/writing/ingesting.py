@@ -1,4 +1,4 @@
-"""Adding more knowledge than fits into memory: batch after batch, each in a transaction of its own."""
+"""Adds more knowledge than fits into memory: batch after batch, each in a transaction of its own."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -16,15 +16,15 @@ _LISTED = 20
 """The number of a batch's violations that are listed."""
 
 Counted = Callable[[int], None]
-"""Told after each batch how many items are stored by now."""
+"""A function that is called after each batch with the number of items stored so far."""
 
 
 @dataclass(frozen=True, slots=True, repr=False)
 class Ingested(Transaction):
     """The result of ingesting: its last transaction, where `changes` counts what changed in all of them.
 
-    `items` is how many items were read, `batches` how many transactions they took; a batch that changed nothing
-    is none (rule C1).
+    `items` is how many items were read, `batches` how many transactions were recorded; a batch that changed nothing is
+    not recorded as one (rule C1).
     """
 
     items: int = 0
@@ -61,11 +61,11 @@ def _chunks(items: Iterator[Knowledge], size: int) -> Iterator[list[Knowledge]]:
 
 
 def _add(transaction: OpenTransaction, chunk: Sequence[Knowledge], before: int) -> None:
-    """Add a batch; what is wrong is said of the item that it is wrong with, counted from 1 over all batches."""
+    """Add a batch. Errors name the item that is wrong by its number, counted from 1 over all batches."""
     try:
         transaction.add(*chunk)
     except KbStoreError:
-        # one after another, in the same transaction, to find out which
+        # add them one by one, in the same transaction, to find out which one is wrong
         violations: list[str] = []
         for number, item in enumerate(chunk, before + 1):
             try:

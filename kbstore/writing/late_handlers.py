@@ -1,4 +1,4 @@
-"""Handlers for late knowledge: what is added or removed since a time in the past (rules L1 to L6)."""
+"""Handlers for late knowledge: add and remove since a time in the past (rules L1 to L6)."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import TypeVar
@@ -21,11 +21,14 @@ from kbstore.writing.timeline_state import TimelineState
 
 Item = TypeVar("Item", KnowledgeItem, Goal)
 Version = tuple[int, SymbolTable]
-"""A version of the domain, and from when on it is in force."""
+"""The time from which on a version of the domain is in force, in nanoseconds, and its symbols."""
 
 
 def late_span(since: TimeLike | None, until: TimeLike | None, now: int) -> tuple[int, int | None] | None:
-    """The span of late knowledge; None where nothing is said of it, or `since` is now. Raises `InvalidTime` (L1)."""
+    """Return the span of late knowledge; None if `since` is not given, or is now.
+
+    Raises `InvalidTime` for a `since` or `until` after now, or for an `until` alone or not after `since` (rule L1).
+    """
     if since is None:
         if until is not None:
             raise InvalidTime("until belongs to since, a time that has passed; what ends later is scheduled to end")
@@ -47,7 +50,7 @@ def late_span(since: TimeLike | None, until: TimeLike | None, now: int) -> tuple
 
 
 class LateHandlers:
-    """Takes items that hold since a time in the past, and until another or what comes next.
+    """Adds and removes items since a time in the past, until another time or the next change.
 
     An item is checked against each version of the domain that is in force while it holds (rule L5).
     """
@@ -100,7 +103,7 @@ class LateHandlers:
         return self._add(goal, Handlers.add_goal)
 
     def remove(self, item: KnowledgeItem, t: int) -> Violations:
-        """Remove what matched an item, up to what came next, or in the span."""
+        """Remove what matched an item: from `since` to the next change, or to `until`."""
         self._refuse(item, t)
         if isinstance(item, Expression | Inequality):
             what = "a metric" if isinstance(item, Expression) else "a recorded inequality"
@@ -144,14 +147,14 @@ class LateHandlers:
         return _Checks(self._change_set, self._repository, symbols, self._on_removed_object, self._until)
 
     def _in_force(self, start: int, end: int) -> Iterator[SymbolTable]:
-        """The versions of the domain that are in force somewhere in a span, in order."""
+        """Yield the symbols of the domain's versions that are in force somewhere in a span, in order."""
         ends = [since for since, _ in self._versions[1:]] + [OPEN]
         for (since, symbols), until in zip(self._versions, ends, strict=True):
             if max(since, start) < min(until, end):
                 yield symbols
 
     def _not_throughout(self, item: object, state: TimelineState, value: Value, symbols: SymbolTable) -> Iterator[str]:
-        """Which objects do not exist in all of the span (rule L5)."""
+        """Yield a violation for each object that does not exist in all of the span (rule L5)."""
         domain = symbols.domain
         if self._until is None or domain is None:
             return
@@ -164,7 +167,7 @@ class LateHandlers:
                 yield f"{item}: {about.timeline.spelling} does not exist all the time {span}"
 
     def _meetings(self, state: TimelineState, value: Value, end: int) -> Iterator[str]:
-        """Yield where an object would meet an existence of its own with another type (rules C6, C8)."""
+        """Yield a violation for each existence of an object with another type that a new one would meet (C6, C8)."""
         if state.timeline.kind is not KnowledgeType.INSTANCE:
             return
         late = Lifespan(self._since, end, value[1])
@@ -175,7 +178,7 @@ class LateHandlers:
     # -- removing ---------------------------------------------------------------------------------------------
 
     def _remove(self, item: Item, remove: "Callable[[_Checks, Item, int], Violations]") -> Violations:
-        """Remove by the latest version of the domain that knows what is removed."""
+        """Remove an item under the latest version of the domain that knows its symbols."""
         end = self._since + 1 if self._until is None else self._until
         violations: Violations = ()
         for symbols in reversed(list(self._in_force(self._since, end))):
@@ -186,7 +189,7 @@ class LateHandlers:
 
 
 class _Checks(Handlers):
-    """The handlers of one version of the domain, which collect what is added, and remove in the past."""
+    """The handlers under one version of the domain; they collect what is to be added, and remove in the past."""
 
     def __init__(
         self,
@@ -218,7 +221,7 @@ class _Checks(Handlers):
 
 
 class _Objects(ObjectHandlers):
-    """The same for objects."""
+    """The same as `_Checks`, for objects."""
 
     def __init__(
         self,

@@ -1,4 +1,4 @@
-"""Lifespans of objects: adjacent existences of the same type are one (rule C6)."""
+"""Computes lifespans of objects: adjacent existences of the same type are one lifespan (rule C6)."""
 
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
@@ -8,7 +8,7 @@ from kbstore.model.timelines import Value
 
 
 class Lifespan(NamedTuple):
-    """A span in which an object exists, with one type; adjacent ones of the same type are one (rule C6)."""
+    """A span in which an object exists with one type: half-open, in nanoseconds."""
 
     start: int
     end: int
@@ -16,7 +16,7 @@ class Lifespan(NamedTuple):
 
 
 def lifespans_of(value: Value | None, ahead: dict[int, Value], now: int) -> list[Lifespan]:
-    """Return the lifespans of an object from now on, by what holds on its timeline and what is scheduled."""
+    """Return the lifespans of an object from now on, by the value of its timeline now and the scheduled ones."""
     found: list[Lifespan] = []
     start, type_name = now, None if value is None or value[0] else value[1]
     for t in sorted(ahead):
@@ -35,7 +35,7 @@ def lifespans_of(value: Value | None, ahead: dict[int, Value], now: int) -> list
 
 
 def lost_time(before: Sequence[Lifespan], after: Sequence[Lifespan]) -> list[tuple[int, int]]:
-    """The time in `before` in which the object does not exist with that type any more in `after`."""
+    """Return the spans in which an object existed by `before`, and by `after` does not exist with the same type."""
     lost: list[tuple[int, int]] = []
     for start, end, type_name in before:
         for other_start, other_end, other_type in after:
@@ -50,7 +50,7 @@ def lost_time(before: Sequence[Lifespan], after: Sequence[Lifespan]) -> list[tup
 
 
 def joined(lifespans: Iterable[Lifespan]) -> list[Lifespan]:
-    """Lifespans in order of time, where adjacent ones of the same type are one."""
+    """Return lifespans, which are in order of time, with adjacent ones of the same type joined."""
     found: list[Lifespan] = []
     for lifespan in lifespans:
         last = found[-1] if found else None

@@ -1,4 +1,4 @@
-"""Command handlers for objects: what their updates do to a transaction's change set (rules C6, C8, C9)."""
+"""Command handlers for objects: apply their updates to a transaction's change set (rules C6, C8, C9)."""
 
 from collections.abc import Callable, Iterable, Sequence
 from itertools import pairwise
@@ -17,7 +17,7 @@ from kbstore.writing.timeline_state import TimelineState
 
 
 class ObjectHandlers:
-    """Begins and ends the existence of objects, with what that means for everything that mentions them."""
+    """Begins and ends the existence of objects; an end also ends everything that mentions the object."""
 
     def __init__(
         self,
@@ -45,10 +45,10 @@ class ObjectHandlers:
         type_name = self._type_spelling(state, type_name)
         before = self._change_set.lifespans(state)
         if item.is_negative:
-            standing = next((e.type_name for e in before if e.start < t <= e.end), None)
-            if standing is not None and item.instance_type and key(standing) != key(type_name):
+            existing = next((e.type_name for e in before if e.start < t <= e.end), None)
+            if existing is not None and item.instance_type and key(existing) != key(type_name):
                 return ()
-            self._change_set.put(state, (True, standing or type_name), t)
+            self._change_set.put(state, (True, existing or type_name), t)
         elif t == self._now:
             value = state.value
             if value is not None and not value[0]:
@@ -63,7 +63,7 @@ class ObjectHandlers:
         return self._settled_object(state, before)
 
     def _type_spelling(self, state: TimelineState, type_name: str) -> str:
-        """The type as the domain writes it; without one, as it was first written of the object (rule D3)."""
+        """Return a type as the domain spells it; without a domain, as it was first written for the object (rule D3)."""
         if self._domain is not None:
             return self._domain.type_spelling(type_name)
         stored = [row.value for row in (state.latest, *state.stored_ahead.values()) if row is not None]
@@ -89,7 +89,7 @@ class ObjectHandlers:
         return violations
 
     def _ended_now(self, state: TimelineState) -> str | None:
-        """The type with which an object existed until exactly now, if it did."""
+        """Return the type with which an object existed until exactly now; None if it did not."""
         if state.is_edited:
             assert state.past is not None
             last = state.past.pieces[-1] if state.past.pieces else None
@@ -105,7 +105,7 @@ class ObjectHandlers:
         return str(latest.value[1]) if ends_now else None
 
     def _settled_object(self, state: TimelineState, before: Sequence[Lifespan]) -> Violations:
-        """Carry through what a change of an object's existence means for others, or take it back (rules C6, C9)."""
+        """Check an object's lifespans (rule C6), and end what mentions it if it does not exist any more (rule C9)."""
         after = self._change_set.lifespans(state)
         for earlier, later in pairwise(after):
             if earlier.end == later.start:
@@ -130,7 +130,7 @@ class ObjectHandlers:
         return ()
 
     def remove(self, item: Instance, states: Iterable[TimelineState], t: int) -> Violations:
-        """Remove objects, or cancel what is scheduled for them at `t`, where they are as the item says."""
+        """Remove the objects that match an item; at a time after now, cancel what is scheduled for them."""
         violations = self._removal_violations(item)
         if violations:
             return violations
@@ -150,7 +150,7 @@ class ObjectHandlers:
         return self._settled_object(state, before)
 
     def _matches(self, item: Instance, value: Value) -> bool:
-        """Return whether an object is as a removal's item says: its sign, and its type if one is given."""
+        """Return whether an object matches a removal's item: by the sign, and by the type if one is given."""
         is_negative, type_name = value
         if bool(is_negative) != item.is_negative:
             return False
@@ -160,7 +160,7 @@ class ObjectHandlers:
 
 
 def meeting(name: str, earlier: Lifespan, later: Lifespan) -> str:
-    """The violation of an object that would change its type without an end in between."""
+    """Return the violation for an object that would change its type without an end in between."""
     return (
         f"{name} - {later.type_name} from {isoformat(later.start)} on: until then {name} exists with the type "
         f"{earlier.type_name}; an object changes its type only after an end strictly before"

@@ -1,4 +1,4 @@
-"""The past of timelines within a transaction, and how late knowledge changes it (rules L2 to L6)."""
+"""The known past of timelines within a transaction, and its changes by late knowledge (rules L2 to L6)."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 class Past:
-    """The past of the timelines of one change set, read as far as it is needed."""
+    """Reads and changes the past of the timelines of one change set; it is read only as far as it is needed."""
 
     def __init__(self, change_set: "ChangeSet", repository: Repository) -> None:
         self._change_set = change_set
@@ -45,12 +45,12 @@ class Past:
             past.pieces = (*read, *past.pieces)
 
     def known(self, state: TimelineState, since: int) -> list[Piece]:
-        """Return the pieces of a timeline from a time on and up to now, in order; what holds now has no end."""
+        """Return the pieces of a timeline from a time up to now, in order; the one that holds now ends at `OPEN`."""
         self.load([state], since)
         return self.pieces(state)
 
     def pieces(self, state: TimelineState) -> list[Piece]:
-        """Return the same from when on it has been read."""
+        """Return the pieces of a timeline that have been read, up to now; the one that holds now ends at `OPEN`."""
         assert state.past is not None
         pieces = list(state.past.pieces)
         if state.value is None:
@@ -71,15 +71,15 @@ class Past:
     # -- changes ----------------------------------------------------------------------------------------------
 
     def end_of(self, state: TimelineState, value: Value, since: int) -> int:
-        """Return the end of something that is recorded late and without an end (rule L2)."""
+        """Return the end of a value that is recorded late and without `until` (rule L2)."""
         following = next_change(self.known(state, since), state.timeline.kind, since)
         ends = [end for about in self._objects(state, value) for _, end, _ in self.existences(about) if end > since]
         return min([following, *state.ahead, *ends])
 
     def put(self, state: TimelineState, value: Value, since: int, until: int | None, rates: PastRates) -> None:
-        """Let a value hold since a time: until a time, or until the next beginning or end.
+        """Assert a value since a past time: until a time, or until the next change on its timeline.
 
-        `rates` has what runs added to the rate of a number where it was undefined.
+        `rates` computes what runs would have added to the rate of a number while it was undefined.
         """
         kind = state.timeline.kind
         end = self.end_of(state, value, since)
@@ -89,7 +89,7 @@ class Past:
         span = [piece for piece in pieces if piece.overlaps(since, end)]
         late = [Piece(since, end, value)]
         if kind is KnowledgeType.FUNCTION:
-            known = [*pieces, *self._taken_away(state, since, end)]
+            known = [*pieces, *self._superseded(state, since, end)]
             known += self._undefined(state, known, since, end, rates)
             late = numbers_in(known, value, since, end)
         before = next((piece for piece in pieces if piece.end == since), None)
@@ -118,7 +118,7 @@ class Past:
         self._edit(state, [*left, *late], since, EndCause.REPLACED)
 
     def blank(self, state: TimelineState, matches: Callable[[Value], bool], since: int, until: int | None) -> None:
-        """Let nothing hold where something does that matches: at a time and until the next change, or in a span."""
+        """Remove the values that match: in a span, or with `until` None the one at a time, until the next change."""
         kind = state.timeline.kind
         for piece in self.known(state, since):
             if piece.overlaps(since, since + 1 if until is None else until) and matches(piece.value):
@@ -127,7 +127,10 @@ class Past:
                 self._blank(state, lambda value: True, start, end, EndCause.REMOVED)
 
     def lose(self, state: TimelineState, before: Sequence[Lifespan], on_removed: Callable[[str], None]) -> None:
-        """Let nothing hold that mentions an object where it does not exist any more (rule L5)."""
+        """Remove what mentions an object from the times at which it does not exist any more (rule L5).
+
+        `before` are its lifespans before the change; `on_removed` is called if it does not exist now.
+        """
         after = self.existences(state)
         name = state.timeline.key
         for start, end in lost_time(before, after):
@@ -159,13 +162,13 @@ class Past:
             self._edit(state, left, start, cause)
 
     def _edit(self, state: TimelineState, pieces: Sequence[Piece], since: int, cause: EndCause) -> None:
-        """Let this be known of a timeline."""
+        """Replace the known past of a timeline by some pieces, which differ from `since` on."""
         self._change_set.touch(state)
         self._change_set.late_from = min(self._change_set.late_from, since)
         begun = sorted(piece for piece in pieces if piece.start <= self._now)
         assert state.past is not None
         past = [piece._replace(end=min(piece.end, self._now)) for piece in begun if piece.start < self._now]
-        # a new one: what was there before may be taken back
+        # a new object: `roll_back` may restore the one before
         state.past = replace(state.past, pieces=tuple(past), is_edited=True, begun_now=None)
         if begun and begun[-1].end > self._now:
             state.value = begun[-1].value_at(state.timeline.kind, self._now)
@@ -186,7 +189,7 @@ class Past:
         return min(ends, default=OPEN)
 
     def _ended_object(self, state: TimelineState, value: Value, end: int) -> Ended | None:
-        """Who removed an object that a value mentions at a time; None where it ended by the clock."""
+        """Return the transaction that removed an object of a value at `end`, with the cause; None if the clock did."""
         for about in self._objects(state, value):
             for piece in self.known(about, 0):
                 if piece.end == end and piece.ended is not None:
@@ -195,7 +198,7 @@ class Past:
                 return None, EndCause.OBJECT
         return None
 
-    def _taken_away(self, state: TimelineState, start: int, end: int) -> list[Piece]:
+    def _superseded(self, state: TimelineState, start: int, end: int) -> list[Piece]:
         """Return the superseded pieces of a timeline in a span, the latest first."""
         assert state.past is not None
         timelines = [state.timeline] if state.timeline.id else []
@@ -232,20 +235,20 @@ def _covers(spans: Sequence[tuple[int, int]], since: int, until: int) -> bool:
 
 
 def _is_known(kind: KnowledgeType, span: Sequence[Piece], late: Sequence[Piece], since: int, until: int | None) -> bool:
-    """Return whether a value begins at a time anyway, or holds throughout a span (rule L8)."""
+    """Return whether late knowledge is known already: the value begins then, or holds throughout the span (rule L8)."""
     if until is None:
-        # of a number, apart from what runs add to its rate
+        # numbers are compared without what runs add to their rates
         return bool(span) and span[0].start == since and span[0].value[:3] == late[0].value[:3]
     return _covers([(piece.start, piece.end) for piece in span], since, until) and all(
-        piece.value_at(kind, t)[:3] == told.value_at(kind, t)[:3]
+        piece.value_at(kind, t)[:3] == new.value_at(kind, t)[:3]
         for piece in span
-        for told in late
-        if piece.overlaps(told.start, told.end)
-        for t in [max(piece.start, told.start)]
+        for new in late
+        if piece.overlaps(new.start, new.end)
+        for t in [max(piece.start, new.start)]
     )
 
 
 def _piece(row: KnownAssertion, now: int) -> Piece:
     stored = row.stored
     ended = None if row.ended is None or row.cause is None else (row.ended, EndCause(row.cause))
-    return Piece(stored.initial_time, min(stored.end_time, now), stored.value, row.told, ended)
+    return Piece(stored.initial_time, min(stored.end_time, now), stored.value, row.first_recorded, ended)

@@ -1,4 +1,4 @@
-"""Past rates of runs, for numbers that were undefined while a run would have moved them (rules L6, L7)."""
+"""Computes past rates of runs, for numbers that were undefined while a run would have moved them (rules L6, L7)."""
 
 from collections.abc import Sequence
 
@@ -15,7 +15,7 @@ from kbstore.storage.repository import Repository
 
 
 class PastRates:
-    """Rates that runs added to functions, computed again from what was believed when it happened.
+    """Computes the rates that runs added to functions, from what was believed at the time.
 
     `versions` are those of the domain, each with the time from which on it is in force.
     """
@@ -28,9 +28,9 @@ class PastRates:
         self._use_unknowns = use_unknowns
 
     def added(self, function: Atom, start: int, end: int) -> list[tuple[int, float]]:
-        """Return what was added to the rate of a function in ``[start, end)``, per second, each from a time on.
+        """Return what runs added to the rate of a function in ``[start, end)``: times, each with a rate per second.
 
-        It is 0 where a rate had no value, and for what is sensed (rule O8).
+        It is 0 while the rate had no value, and for a sensed function (rule O8).
         """
         runs = self._repository.runs_between(start, end)
         if not any(is_moving(row.operator, self._domain(row.started)) for row in runs):

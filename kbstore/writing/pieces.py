@@ -8,26 +8,26 @@ from kbstore.messages import KnowledgeType
 from kbstore.model.timelines import EndCause, Value, number_at
 
 Ended = tuple[int | None, EndCause]
-"""The transaction that ended something, None for the open one, and why."""
+"""The transaction that ended something (None for the open transaction), and the cause."""
 
 
 class Piece(NamedTuple):
-    """A span in which one value holds.
+    """A span in which one value holds on a timeline.
 
     Attributes:
-        end: OPEN where it holds now.
-        told: the transaction that first recorded it; None where that is the open transaction.
-        ended: who ended it; None where it ended by the clock, or something follows.
+        start, end: in nanoseconds; `end` is OPEN if it holds now.
+        first_recorded: the transaction that first recorded it; None if that is the open transaction.
+        ended: the transaction that ended it, and why; None if it ended by the clock, or by the next piece.
     """
 
     start: int
     end: int
     value: Value
-    told: int | None = None
+    first_recorded: int | None = None
     ended: Ended | None = None
 
     def value_at(self, kind: KnowledgeType, t: int) -> Value:
-        """The value with which it goes on at `t`: a number that moves has moved by then."""
+        """Return the value at `t`: a number with a rate has moved by then."""
         if kind is not KnowledgeType.FUNCTION:
             return self.value
         return (False, number_at(self.value, self.start, t), *self.value[2:])
@@ -48,9 +48,9 @@ def cut(piece: Piece, kind: KnowledgeType, start: int, end: int, cause: EndCause
 
 
 def next_change(pieces: Sequence[Piece], kind: KnowledgeType, t: int) -> int:
-    """Return the time at which something begins or ends next after `t`; OPEN if nothing does.
+    """Return the time of the next start or end after `t`; OPEN if there is none.
 
-    A number that goes on at another rate, as an action starts or stops to move it, does not begin (rule L6).
+    A change of a number's rate alone, because an action starts or stops moving it, does not count (rule L6).
     """
     for index, piece in enumerate(pieces):
         following = pieces[index + 1] if index + 1 < len(pieces) else None
@@ -62,7 +62,7 @@ def next_change(pieces: Sequence[Piece], kind: KnowledgeType, t: int) -> int:
 
 
 def is_carried_on(piece: Piece, following: Piece, kind: KnowledgeType) -> bool:
-    """Return whether a number only goes on at another rate: same value and own rate, another rate of what runs."""
+    """Return whether a number only goes on at another rate: same value and own rate, but moved by other runs."""
     return (
         kind is KnowledgeType.FUNCTION
         and piece.end == following.start
@@ -72,15 +72,15 @@ def is_carried_on(piece: Piece, following: Piece, kind: KnowledgeType) -> bool:
 
 
 def numbers_in(pieces: Sequence[Piece], value: Value, start: int, end: int) -> list[Piece]:
-    """A number that is recorded late, with what actions had added to its rate in ``[start, end)`` (rule L6).
+    """Return a number that is recorded late as pieces, with what runs added to its rate in ``[start, end)`` (rule L6).
 
-    Of `pieces` that overlap, the first that covers a time counts; what has been taken away since then may come last.
+    Where `pieces` overlap, the first one counts: superseded pieces may follow the known ones.
     """
     times = {t for piece in pieces for t in (piece.start, piece.end) if start < t < end}
     found: list[Piece] = []
     for t in sorted({start} | times):
-        told = next((piece for piece in pieces if piece.start <= t < piece.end), None)
-        added = 0.0 if told is None else told.value[3] - told.value[2]
+        known = next((piece for piece in pieces if piece.start <= t < piece.end), None)
+        added = 0.0 if known is None else known.value[3] - known.value[2]
         if not found:
             found.append(Piece(start, end, (*value[:3], value[2] + added)))
         elif found[-1].value[3] != value[2] + added:

@@ -1,4 +1,4 @@
-"""Name resolution for writing: from the symbols and objects of an atom to its timeline, checked (rules D1 to D3)."""
+"""Name resolution for writing: checks the symbols and objects of an atom, and finds its timeline (rules D1 to D3)."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
@@ -22,7 +22,7 @@ Violations = Sequence[str]
 
 
 class _Form(NamedTuple):
-    """A symbol as declared: its spelling, its labels, and the types that each argument may have."""
+    """A declared symbol: its spelling, its labels, and for each argument the keys of the types that it may have."""
 
     name: str
     labels: tuple[str, ...]
@@ -30,7 +30,7 @@ class _Form(NamedTuple):
 
 
 _forms_of: WeakKeyDictionary[Domain, dict[tuple[KnowledgeType, str], _Form]] = WeakKeyDictionary()
-"""The forms of the symbols used so far, by domain: the same in all transactions."""
+"""The forms of the symbols used so far, by domain, shared by all transactions."""
 
 
 class NameResolver:
@@ -48,13 +48,13 @@ class NameResolver:
     # -- objects ----------------------------------------------------------------------------------------------
 
     def object(self, name: str) -> TimelineState:
-        """The INSTANCE timeline of an object, spelled as the domain spells a constant, or as first written."""
+        """Return the INSTANCE timeline of an object, spelled as the domain spells a constant, or as first written."""
         name_key = key(name)
         constant = self.domain.constant_spelling(name_key) if self.domain is not None else None
         return self._change_set.state(Identity(Role.STATE, KnowledgeType.INSTANCE, name_key), constant or name)
 
     def type_at(self, name: str, t: int) -> str | None:
-        """The type of the object that exists at `t` with that name, constants included; None if there is none."""
+        """Return the type of an object or constant at `t`; None if it does not exist then."""
         if self.domain is not None:
             constant = self.domain.constant_types.get(key(name))
             if constant is not None:
@@ -74,9 +74,9 @@ class NameResolver:
     def object_violations(
         self, atom: str, arguments: Sequence[str], types: Iterable[tuple[str, ...]], t: int
     ) -> Iterator[str]:
-        """Check the arguments of an atom at a time: names, existence, types.
+        """Check the names, existence and types of an atom's arguments at a time; yield violations.
 
-        A name that the knowledge base does not know is spelled from then on as it is here (rule D3).
+        This use fixes the spelling of a name that the knowledge base does not know yet (rule D3).
         """
         for argument, allowed in zip(arguments, types, strict=True):
             wrong = names.problem(argument)
@@ -96,7 +96,7 @@ class NameResolver:
     # -- atoms ------------------------------------------------------------------------------------------------
 
     def atom(self, item: Fact | Function, kind: KnowledgeType, role: Role, t: int) -> TimelineState | Violations:
-        """The timeline of a fact or function if its symbol, labels and objects are right, else what is wrong."""
+        """Return the timeline of a fact or function; or its violations, if its symbol, labels or objects are wrong."""
         if t == self._now and (state := self._usual(item, kind, role)) is not None:
             return state
         try:
@@ -110,7 +110,7 @@ class NameResolver:
         return self._state(role, kind, name, arguments)
 
     def effect_atom(self, kind: KnowledgeType, atom: Atom) -> TimelineState:
-        """The timeline of a ground atom in an operator's effect. Raises `InvalidKnowledge` if it does not fit."""
+        """Return the timeline of a ground atom in an effect. Raises `InvalidKnowledge` if the atom does not fit."""
         name, arguments = self.symbols.ordered(kind, atom.name, atom.arguments, ())
         violations = list(self.atom_violations(kind, name, arguments, self._now))
         if violations:
@@ -118,7 +118,7 @@ class NameResolver:
         return self._state(Role.STATE, kind, name, arguments)
 
     def atom_violations(self, kind: KnowledgeType, name: str, arguments: Sequence[str], t: int) -> Iterator[str]:
-        """Check a ground atom, whose arity has been checked, at a time."""
+        """Check a ground atom, whose arity has been checked, at a time; yield violations."""
         atom = str(Atom(name, tuple(arguments)))
         signature = self.symbols.signature(kind, name)
         if signature is not None:
@@ -132,18 +132,21 @@ class NameResolver:
         yield from self.object_violations(atom, arguments, [("object",)] * len(arguments), t)
 
     def _usual(self, item: Fact | Function, kind: KnowledgeType, role: Role) -> TimelineState | None:
-        """The timeline in the usual case, where nothing is wrong: the hot path of bulk work. None in any other."""
+        """Return the timeline of an item in the usual case, in which nothing is wrong; None in any other case.
+
+        The hot path of bulk updates.
+        """
         state = self._change_set.group(role, kind).get(item.timeline_key)
-        stands = state is not None and state.value is not None
+        holds = state is not None and state.value is not None
         is_labelled = any(item.labels)
-        if stands and not is_labelled:
-            # what holds fits its declaration, and mentions only objects that exist
+        if holds and not is_labelled:
+            # an assertion that holds was checked, and mentions only objects that exist
             return state
         keys = item.key
         form = self._forms.get((kind, keys[0])) or self._form(kind, item.attribute_name)
         if form is None or len(keys) != len(form.allowed) + 1 or (is_labelled and item.labels != form.labels):
             return None
-        if stands:
+        if holds:
             return state
         if self._objects_seen != self._change_set.objects_changed:
             self._objects_seen = self._change_set.objects_changed
@@ -192,12 +195,12 @@ def can_be_read_back(kind: KnowledgeType, name: str, arity: int) -> bool:
 
 
 def violations_of(error: KbStoreError, about: object) -> tuple[str, ...]:
-    """The sentences of an error that is one of the violations of a transaction, each naming its item."""
+    """Return the sentences of an error that counts as violations, each with its item."""
     return naming(about, error.violations if isinstance(error, InvalidKnowledge) else (str(error),))
 
 
 def naming(about: object, sentences: Iterable[str]) -> tuple[str, ...]:
-    """Sentences, each prefixed with its item unless it names it anyway."""
+    """Return sentences, each prefixed with its item unless it names it anyway."""
     text = str(about)
     return tuple(sentence if text in sentence else f"{text:.200}: {sentence}" for sentence in sentences)
 

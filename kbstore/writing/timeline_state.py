@@ -12,15 +12,15 @@ from kbstore.writing.pieces import Piece
 
 @dataclass
 class KnownPast:
-    """The past of a timeline that is known, as far as it has been read.
+    """The known past of a timeline, as far as it has been read.
 
     Attributes:
-        pieces: what it comes to, in order of time; what holds now is among them up to now.
-        rows: the stored rows, and one that begins now.
-        since: from when on it has been read.
+        pieces: the pieces before now, in order of time; the last one may end at now because it goes on.
+        rows: the stored rows, including one that begins now.
+        since: the time from which on it has been read, in nanoseconds.
         is_edited: whether late knowledge has changed it.
-        begun_now: what begins now by late knowledge, also where the same held before.
-        is_ended_now: whether what had held until now was ended.
+        begun_now: the value that begins now by late knowledge, even if the same value held before.
+        is_ended_now: whether the transaction has ended what held until now.
     """
 
     pieces: tuple[Piece, ...] = ()
@@ -46,7 +46,7 @@ class TimelineState:
         self.ahead: dict[int, Value] = {}
         """The scheduled values, by time."""
         self.derived: dict[int, Value | None] = {}
-        """The values derived for later times from the schedule and runs; None where nothing holds from then on."""
+        """The values derived for later times from the schedule and runs; None if nothing holds from then on."""
         for row in rows:
             if row.initial_time <= now:
                 self.latest = row
@@ -58,14 +58,14 @@ class TimelineState:
                 self.ahead[row.initial_time] = row.value
         base = self.base(now)
         self.value = None if base is None else value_now(timeline.kind, base, now)
-        """The value that holds now; of a function, with its number at now."""
+        """The value that holds now; a function's has its number at now. None if nothing holds."""
         self.cause = EndCause.REPLACED
-        """The cause of the end of what held at first."""
+        """Why the row that held when the transaction began ends, if it does."""
         self.past: KnownPast | None = None
-        """The time before now, where that has been read."""
+        """The past, if it has been read."""
 
     def base(self, now: int) -> StoredAssertion | None:
-        """The stored row that holds at now."""
+        """Return the stored row that holds at now; None if there is none."""
         latest = self.latest
         return latest if latest is not None and latest.end_time > now else None
 
@@ -76,7 +76,7 @@ class TimelineState:
 
     @property
     def has_schedule(self) -> bool:
-        """Whether something lies ahead, or did before the transaction."""
+        """Whether something is scheduled or derived ahead, or was before the transaction."""
         return bool(self.ahead or self.derived or self.stored_ahead or self.stored_derived)
 
     @property
@@ -85,19 +85,19 @@ class TimelineState:
         return self.past is not None and self.past.is_edited
 
     def copy(self) -> "Copy":
-        """Return the part that `restore` takes back."""
+        """Return a copy of what may change, for `restore`."""
         past = self.past
-        # what has only been read can be read again
+        # a past that has only been read can be read again
         kept = replace(past, rows=list(past.rows)) if past is not None and past.is_edited else None
         return self.value, self.ahead.copy(), self.cause, kept
 
     def restore(self, copy: "Copy") -> None:
-        """Take back what was done since the copy."""
+        """Undo what was done since the copy was made."""
         self.value, self.ahead, self.cause, self.past = copy
 
 
 def value_now(kind: KnowledgeType, row: StoredAssertion, now: int) -> Value:
-    """Return the value that a stored row has come to by now: a number may move."""
+    """Return the value of a stored row at now: a number with a rate has moved since it was stored."""
     value = row.value
     if kind is not KnowledgeType.FUNCTION or not value[3]:
         return value

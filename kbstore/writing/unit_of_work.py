@@ -1,4 +1,4 @@
-"""Unit of work: a transaction takes the write lock and reads now, collects updates, and stores them at once."""
+"""Unit of work: takes the write lock, fixes now, collects the updates of a transaction, and stores them together."""
 
 import json
 import os
@@ -132,7 +132,7 @@ class OpenTransaction:
         self._context.__exit__(kind, error, trace)
 
     def _open_handlers(self) -> Handlers:
-        """The handlers, inside the block only: updates before or after it would be lost in silence."""
+        """Return the handlers. Raises `Conflict` outside of the block, where updates would be lost silently."""
         if not self._is_open:
             raise Conflict("a transaction is used inside its block only; begin one: with kb.transaction() as tx: ...")
         return self._handlers
@@ -140,7 +140,7 @@ class OpenTransaction:
     # -- storing ----------------------------------------------------------------------------------------------
 
     def _store(self) -> Transaction:
-        """Write the changes, if there are any (rule C1)."""
+        """Write the changes, if there are any (rule C1), and return the transaction."""
         if not self._is_whole:
             raise InvalidKnowledge("a load has failed half-way in this transaction; nothing of it has been stored")
         if self._reader.use_unknowns:
@@ -168,7 +168,7 @@ class OpenTransaction:
         return Transaction(head.number, self.now, self._client, self._note, writes.changes)
 
     def _apply(self, steps: Iterable[Step]) -> None:
-        """Take steps one after another, or none of them; report all violations together (rule D1)."""
+        """Run steps one after another, all or none; raise all violations together (rule D1)."""
         violations: list[str] = []
         other: KbStoreError | None = None
         with self._atomic():
@@ -186,7 +186,7 @@ class OpenTransaction:
 
     @contextmanager
     def _atomic(self) -> Iterator[None]:
-        """On an error in the block, take back everything that was changed in it, what runs included (rule C1)."""
+        """Undo everything that the block changed, runs included, if it raises an error (rule C1)."""
         self._change_set.savepoint()
         runs, inferred = self._executor.copy(), dict(self._symbols.inferred)
         try:
@@ -273,7 +273,7 @@ class OpenTransaction:
         initial_time: TimeLike | None,
         symbols: SymbolTable,
     ) -> None:
-        """Read everything that is given, and let a handler take it, all or nothing."""
+        """Read everything that is given, and pass it to a handler, all or nothing."""
         batch = Batch(self.now, _time(initial_time, self.now))
         with gc_paused():
             batch.read(role, read, handler, given, symbols)
@@ -287,7 +287,7 @@ class OpenTransaction:
         since: TimeLike | None = None,
         until: TimeLike | None = None,
     ) -> None:
-        """Do several updates, in order, all or none."""
+        """Apply several updates, in order, all or none."""
         handlers, symbols = self._handlers_since(since, until)
         batch = Batch(self.now, _time(initial_time, self.now))
         with gc_paused():
@@ -297,7 +297,7 @@ class OpenTransaction:
     def _handlers_since(
         self, since: TimeLike | None, until: TimeLike | None
     ) -> tuple[Handlers | LateHandlers, SymbolTable]:
-        """The handlers for what holds since a time, or from now on, and the symbols known then (rule L1)."""
+        """Return the handlers for what holds since a time, or from now on, and the symbols known then (rule L1)."""
         handlers = self._open_handlers()
         span = late_span(since, until, self.now)
         if span is None:
@@ -317,7 +317,7 @@ class OpenTransaction:
         return late, next(symbols for start, symbols in reversed(versions) if start <= span[0])
 
     def _versions(self) -> list[Version]:
-        """The versions of the domain, each with the time from which on it is in force."""
+        """Return the versions of the domain, each with the time from which on it is in force."""
         if not self._validate:
             return [(0, SymbolTable(None, {}))]
         domains = self._reader.domains
@@ -360,7 +360,7 @@ class OpenTransaction:
     ) -> None:
         """Load a domain, and a problem: paths, PDDL text, or a `unified_planning` Problem (rules D4, P3, P7).
 
-        `replace` clears first. With `once`, nothing happens where the same texts have ever been loaded.
+        `replace` clears first. With `once`, nothing happens if the same texts have ever been loaded.
         """
         self._open_handlers()
         self._is_whole = False
@@ -393,7 +393,7 @@ class OpenTransaction:
         self._loads.append(digest)
 
     def _digest(self, domain: SourceText | None, problem: SourceText | None) -> str:
-        """Return a digest of a domain and a problem, to recognise them; without a domain, of the one in force."""
+        """Return a digest by which a domain and a problem are recognised; without a domain, the one in force counts."""
         known = self._symbols.domain.source if self._symbols.domain else ""
         texts = (known if domain is None else domain.text, "" if problem is None else problem.text)
         return sha256("\0".join(texts).encode("utf-8", "surrogatepass")).hexdigest()
@@ -402,7 +402,7 @@ class OpenTransaction:
         return digest in self._loads or bool(self._repository.find(Role.LOAD, KnowledgeType.EXPRESSION, [digest]))
 
     def _marked(self, domain: Domain) -> Domain:
-        """The domain with the marks of what is sensed that the one before had."""
+        """Return a domain with the sensed symbols of the one before marked, as far as it has them."""
         known = self._symbols.domain
         if known is None:
             return domain
@@ -410,7 +410,10 @@ class OpenTransaction:
         return domain.marked(known.sensed & symbols)
 
     def set_domain(self, domain: Domain) -> None:
-        """Another version of the domain; refused if what holds or is scheduled does not fit it (rule D4)."""
+        """Set another version of the domain (rule D4).
+
+        Raises `InvalidKnowledge` if what holds, is scheduled or runs does not fit it.
+        """
         known = self._symbols.domain
         if known is not None and known.source == domain.source and known.sensed == domain.sensed:
             return
@@ -421,7 +424,7 @@ class OpenTransaction:
         self._use_symbols(SymbolTable(domain))
 
     def set_sensed(self, name: str, sensed: bool) -> None:
-        """Mark a predicate as sensed, or not; a new version of the domain."""
+        """Mark a predicate as sensed, or not, in a new version of the domain."""
         self._open_handlers()
         domain = self._symbols.domain
         if domain is None:
@@ -437,17 +440,17 @@ class OpenTransaction:
         return applicability(state, lambda: state, operator, arguments, duration)
 
     def apply(self, operator: str, *arguments: str) -> None:
-        """Do the whole of an instantaneous action (rules O2, O3)."""
+        """Apply an instantaneous action (rules O2, O3)."""
         self._act(lambda: self._executor.apply(self.state(), self._handlers, operator, arguments))
 
     def start(self, operator: str, *arguments: str, duration: DurationLike | None = None, force: bool = False) -> Run:
-        """Start a durative action: its at-start effects, and its continuous ones begin."""
+        """Start a durative action: its at-start effects are recorded, and its continuous effects begin."""
         return self._act(
             lambda: self._executor.start(self.state(), self._handlers, operator, arguments, duration, force)
         )
 
     def end(self, run: Run) -> Applicability:
-        """End a durative action: its at-end effects. Returns the at-end conditions that fail."""
+        """End a durative action: its at-end effects are recorded. Return the at-end conditions that fail."""
         return self._act(lambda: self._executor.end(self.state(), self._handlers, run))
 
     def abort(self, run: Run) -> None:
@@ -457,20 +460,20 @@ class OpenTransaction:
     def report_start(self, operator: str, *arguments: str, duration: DurationLike | None = None) -> Run:
         """Record the start of an action that something else carries out, durative or not.
 
-        Its conditions are not evaluated, and it changes nothing but what runs: whoever carries it out reports its
-        effects. Without a `duration`, and where the domain does not fix one, it is late from its start on.
-        Raises `NotApplicable` if it runs already.
+        Its conditions are not evaluated, and nothing changes but what runs: whoever carries it out reports its effects.
+        Without a `duration`, and if the domain does not fix one, it is overdue from its start on. Raises
+        `NotApplicable` if it runs already.
         """
         return self._act(
             lambda: self._executor.report_start(self.state(), self._handlers, operator, arguments, duration)
         )
 
     def report_end(self, run: Run) -> None:
-        """Record the end of an action that something else carries out: it runs no longer, and nothing else changes."""
+        """Record the end of an action that something else carries out: its run ends, and nothing else changes."""
         self._act(lambda: self._executor.report_end(run))
 
     def _act(self, act: Callable[[], Result]) -> Result:
-        """Do what an operator does, all of it or nothing."""
+        """Call a function that executes an operator, all of it or nothing."""
         self._open_handlers()
         with self._atomic():
             return act()
@@ -478,7 +481,7 @@ class OpenTransaction:
     # -- the state as the transaction has it ------------------------------------------------------------------
 
     def state(self) -> State:
-        """The state at the transaction's now, with what it has written itself."""
+        """Return the state at the transaction's now, with what it has written itself."""
         self._open_handlers()
         return self._reader.state_of(self._working.data(self._symbols.domain), self._symbols)
 
@@ -487,7 +490,7 @@ class OpenTransaction:
         return self.state().holds(question)
 
     def value(self, question: Question) -> float:
-        """The value of a function or expression in the state as the transaction has it."""
+        """Return the value of a function or expression in the state as the transaction has it."""
         return self.state().value(question)
 
 

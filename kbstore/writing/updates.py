@@ -1,4 +1,4 @@
-"""Updates as given by a caller, read into steps that a transaction takes one after another."""
+"""Reads the updates that a caller gives into steps, which a transaction runs one after another."""
 
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Sequence
@@ -29,7 +29,7 @@ from kbstore.writing.late_handlers import LateHandlers
 from kbstore.writing.resolution import Violations
 
 Step = Callable[[], Violations]
-"""One update of the change set; returns its violations."""
+"""A function that makes one update of the change set, and returns its violations."""
 
 Item = TypeVar("Item", KnowledgeItem, Goal)
 
@@ -50,9 +50,9 @@ class Batch:
         handler: Callable[[Item, int], Violations],
         place: Callable[[int], str] | None = None,
     ) -> None:
-        """Let a handler take items, each at its time; a time that is not after now is now (rule T4).
+        """Add steps that pass items to a handler, each at its time; a time that is not after now is now (rule T4).
 
-        `place` says where in a file an item is, for its violations.
+        `place` returns the place of an item in its file, which its violations name.
         """
         self.items[role] += items
         now, initial_time = self._now, self._initial_time
@@ -69,7 +69,7 @@ class Batch:
         given: Iterable[Knowledge],
         symbols: SymbolTable,
     ) -> None:
-        """The same for what a caller gave, once it is read; what cannot be read fails in its turn."""
+        """Read what a caller gave, and add steps for it; an item that cannot be read fails when its step is run."""
         items: list[Item] = []
         for knowledge in given:
             try:
@@ -81,7 +81,7 @@ class Batch:
         self.add(role, items, handler)
 
     def read_updates(self, updates: Iterable[Any], handlers: Handlers | LateHandlers, symbols: SymbolTable) -> None:
-        """The same for pairs of an `UpdateType` and its item."""
+        """Read pairs of an `UpdateType` and its item, and add steps for them."""
         for kind, group in groupby(updates, _kind):
             if kind is None:
                 self.steps += [partial(_refuse, update) for update in group]
@@ -103,14 +103,14 @@ class Batch:
 
 
 def _fail(given: object, error: KbStoreError) -> Violations:
-    """Take the step of an item that could not be read; an unknown symbol is one of the violations (rule D1)."""
+    """Run the step of an item that could not be read: raise its error; an unknown symbol is a violation (rule D1)."""
     if isinstance(error, UnknownSymbol):
         return [f"{given}: {error}"]
     raise error
 
 
 def _kind(update: object) -> UpdateType | None:
-    """The kind of an update; None for anything but a pair of a kind and knowledge."""
+    """Return the kind of an update; None for anything but a pair of a kind and knowledge."""
     if not isinstance(update, (tuple, list)) or len(update) != 2:
         return None
     if type(update[0]) is UpdateType:
@@ -130,12 +130,12 @@ def _refuse(update: object) -> Violations:
 
 
 def items_in(given: Knowledge, symbols: SymbolTable) -> Sequence[KnowledgeItem]:
-    """The item that a caller gave as a message or text."""
+    """Return the item that a caller gave as a message or text."""
     return [as_item(given, symbols)]
 
 
 def goals_in(knowledge: Question, symbols: SymbolTable) -> Sequence[Goal]:
-    """The goals that a caller gave as a message, text or formula; of a conjunction, its parts (rule C10)."""
+    """Return the goals that a caller gave as a message, text or formula; a conjunction is split (rule C10)."""
     given = decoded(knowledge)
     if isinstance(given, Fact):
         return [given]
@@ -155,7 +155,7 @@ def goals_in(knowledge: Question, symbols: SymbolTable) -> Sequence[Goal]:
 
 
 def problem_batch(problem: Problem, handlers: Handlers, now: int) -> Batch:
-    """The updates by which a problem is added; its timed-initial knowledge is relative to now (rule P3)."""
+    """Return the updates that add a problem; its timed-initial knowledge is relative to now (rule P3)."""
     batch = Batch(now)
 
     def place(part: str) -> Callable[[int], str]:
@@ -175,7 +175,7 @@ def problem_batch(problem: Problem, handlers: Handlers, now: int) -> Batch:
 
 
 def closed_world_violations(problem: Problem) -> list[str]:
-    """Return what a closed world cannot hold of a problem, each with its place: that an atom is unknown (rule P4)."""
+    """Return the parts of a problem that need an open world (that atoms are unknown), each with its place (rule P4)."""
     return [
         f"{_place(problem, 'uncertain', index)}: {text} says that facts are unknown, but in the closed world of this "
         "knowledge base what is not asserted is false; create one with kbstore.open(..., use_unknowns=True)"
@@ -184,7 +184,7 @@ def closed_world_violations(problem: Problem) -> list[str]:
 
 
 def _place(problem: Problem, part: str, index: int) -> str:
-    """The place of an item in its problem's file (rule D1)."""
+    """Return the place of an item in its problem's file (rule D1)."""
     line, column = problem.places[part][index]
     return f"{problem.source}:{line}:{column}" if problem.source else f"line {line}, column {column}"
 

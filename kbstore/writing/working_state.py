@@ -1,4 +1,4 @@
-"""The state as an open transaction leaves it: what is stored, its changes on top, and the rates of what runs (O5)."""
+"""The state as an open transaction leaves it: the stored rows, its changes, and the rates of runs (rule O5)."""
 
 from collections.abc import Collection
 
@@ -42,20 +42,19 @@ class WorkingState:
         """Return what holds now, with the changes made so far."""
         now = self._change_set.now
         rows, pending = self._rows(domain)
-        standing = list(rows.values())
+        holding = list(rows.values())
         if self._moves_numbers(domain):
             simulator = self._simulator(rows, pending, domain)
             for _ in simulator.advance(now):
                 pass
-            standing = simulator.rows
-        snapshot = Snapshot(now, standing, domain, self._use_unknowns)
+            holding = simulator.rows
+        snapshot = Snapshot(now, holding, domain, self._use_unknowns)
         return StateData(snapshot, list(pending.values()), self._executor.running)
 
     def follow_rates(self, domain: Domain | None, *, anew: bool = False) -> None:
-        """Let numbers that runs move follow what their rates read, now and by what is scheduled (rule O5).
+        """Recompute the values and rates of numbers that runs move, now and at scheduled changes (rule O5).
 
-        Reads the objects, and what the rates read or move, from the store; nothing where none of it has changed, but
-        with `anew`.
+        Nothing is read or computed if nothing that the rates depend on has changed, unless `anew` is set.
         """
         names = self._symbols(domain)
         if names and (anew or self._is_touched(names, domain)):
@@ -83,7 +82,7 @@ class WorkingState:
         )
 
     def _read(self, kind: KnowledgeType, names: Collection[str] | None) -> list[StateRow]:
-        """Return what holds now of a kind; with `names`, of facts and functions only those of these symbols."""
+        """Return what holds now of a kind; with `names`, only facts and functions of these symbols, and objects."""
         now = self._change_set.now
         if names is None or kind is KnowledgeType.INSTANCE:
             return list(self._repository.state_at(kind, LogPosition(now)))
@@ -94,9 +93,9 @@ class WorkingState:
     def _rows(
         self, domain: Domain | None, names: Collection[str] | None = None
     ) -> tuple[dict[Identity, StateRow], dict[tuple[Identity, int], StateRow]]:
-        """Return what holds now and what is scheduled after this transaction, but for the rates of what runs.
+        """Return what holds now and what is scheduled after this transaction, without the rates of runs.
 
-        With `names`, of facts and functions only those of these symbols.
+        With `names`, only facts and functions of these symbols, and objects, are among what holds.
         """
         now = self._change_set.now
         position = LogPosition(now)
@@ -117,10 +116,10 @@ class WorkingState:
         pending: dict[tuple[Identity, int], StateRow],
         domain: Domain | None,
     ) -> Simulator:
-        """Plays forward what is scheduled, with the rates of what runs."""
+        """Return a simulator that plays forward what is scheduled, with the rates of runs."""
         added = self._rates_before
         if added is not None:
-            # what is set in this transaction is defined, also where a rate has no value any more
+            # a number set in this transaction is defined, even if a rate that moves it has no value any more
             added = {atom: None if self._change_set.is_set(atom) else rate for atom, rate in added.items()}
         return Simulator(
             self._change_set.now,

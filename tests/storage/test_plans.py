@@ -139,9 +139,9 @@ def test_the_two_branches_of_state_at_t_on_sqlite(sqlite, table):
         f"SEARCH {table} USING INDEX ix_{table}_begin (kb_id=? AND level=? AND initial_time>? AND initial_time<?)",
         f"SEARCH {table} USING INDEX ix_{table}_end (kb_id=? AND level=? AND end_time>? AND end_time<?)",
     ]
-    plan = [step for step in sqlite_plan(sqlite, statements.standing) if step.startswith("SEARCH")]
+    plan = [step for step in sqlite_plan(sqlite, statements.holding) if step.startswith("SEARCH")]
     assert plan == branches
-    as_of = [step for step in sqlite_plan(sqlite, statements.standing_as_of) if step.startswith("SEARCH")]
+    as_of = [step for step in sqlite_plan(sqlite, statements.holding_as_of) if step.startswith("SEARCH")]
     assert as_of == branches * 2
 
 
@@ -217,7 +217,7 @@ def test_the_history_of_a_timeline_is_read_by_its_index_on_sqlite(sqlite, view, 
 
 ON_LARGE_TABLES = [
     *(name for name in questions(["facts"]) if name.startswith("facts.")),
-    *(f"{table}.{name}" for table in ALL for name in ("standing", "live", "by_key", "ended", "point")),
+    *(f"{table}.{name}" for table in ALL for name in ("holding", "live", "by_key", "ended", "point")),
     *("pending", "pending_as_of", "due", "ahead", "revised"),
 ]
 

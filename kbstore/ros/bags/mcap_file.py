@@ -174,12 +174,12 @@ class _Record:
             changes.setdefault(span.start, []).append((True, span))
             if span.end is not None:
                 changes.setdefault(span.end, []).append((False, span))
-        standing: list[_Span] = []
+        holding: list[_Span] = []
         for t, found in sorted(changes.items()):
             ended = [span for begins, span in found if not begins]
-            standing = [span for span in standing if span not in ended]
-            standing += [span for begins, span in found if begins and span not in ended]
-            last = Event(t, spans[0].topic, spans[0].schema, _FIELDS[spans[0].schema](standing, ended))
+            holding = [span for span in holding if span not in ended]
+            holding += [span for begins, span in found if begins and span not in ended]
+            last = Event(t, spans[0].topic, spans[0].schema, _FIELDS[spans[0].schema](holding, ended))
             yield last
         if last.time < self._last:
             yield replace(last, time=self._last)
@@ -232,8 +232,8 @@ def _number(t: int, topic: str, value: float | None) -> Event:
     return Event(t, topic, "Number", fields)
 
 
-def _fact_fields(standing: Sequence[_Span], _ended: Sequence[_Span]) -> dict[str, Any]:
-    facts: list[Fact] = [span.what for span in standing]
+def _fact_fields(holding: Sequence[_Span], _ended: Sequence[_Span]) -> dict[str, Any]:
+    facts: list[Fact] = [span.what for span in holding]
     rest = [" ".join(fact.arguments[1:]) for fact in facts]
     if any(rest):
         value = ", ".join(f"not {text}" if fact.is_negative else text for fact, text in zip(facts, rest, strict=True))
@@ -242,12 +242,12 @@ def _fact_fields(standing: Sequence[_Span], _ended: Sequence[_Span]) -> dict[str
     return {"value": value, "facts": [*map(str, facts)]}
 
 
-def _object_fields(standing: Sequence[_Span], _ended: Sequence[_Span]) -> dict[str, Any]:
-    return {"value": ", ".join(span.what.instance_type for span in standing), "exists": bool(standing)}
+def _object_fields(holding: Sequence[_Span], _ended: Sequence[_Span]) -> dict[str, Any]:
+    return {"value": ", ".join(span.what.instance_type for span in holding), "exists": bool(holding)}
 
 
-def _run_fields(standing: Sequence[_Span], ended: Sequence[_Span]) -> dict[str, Any]:
-    runs: list[Run] = [span.what for span in standing]
+def _run_fields(holding: Sequence[_Span], ended: Sequence[_Span]) -> dict[str, Any]:
+    runs: list[Run] = [span.what for span in holding]
     texts = [" ".join(run.arguments[1:]) or "running" for run in runs]
     latest: Run | None = runs[-1] if runs else ended[-1].what if ended else None
     assert latest is not None
