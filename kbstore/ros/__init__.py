@@ -1,1 +1,1 @@
-"""kbstore on a ROS graph: handlers without ROS, and the nodes and files that they serve."""
+"""kbstore on a ROS graph: handlers, which need no ROS, and the nodes and bags that use them."""

@@ -1,8 +1,8 @@
-"""PlanSys2's executions of actions as runs: which run an execution is, and what is recorded when its status changes.
+"""Records PlanSys2's executions of actions as runs: finds the run of an execution, and follows its status.
 
 An execution is reported twice: at once on `actions_hub`, without an identity, and once a second on
-`action_execution_info`, with the time of its start. Whichever comes first is recorded; the times tell that both are
-one, also after the recorder has been started again.
+`action_execution_info`, with the time of its start. Whichever report comes first is recorded. By their times both are
+recognised as reports of one execution, even after the recorder has been restarted.
 """
 
 from typing import Any
@@ -17,10 +17,10 @@ from kbstore.reading.state import State
 from kbstore.writing.unit_of_work import OpenTransaction
 
 SLACK = 2 * SECOND
-"""The most time between reports of one execution: `action_execution_info` is published once a second."""
+"""The most time, in nanoseconds, between reports of one execution; `action_execution_info` comes once a second."""
 
 SAME_CLOCK = 86_400 * SECOND
-"""Stamps that are further from the time of their message than this come from another clock, such as a simulator's."""
+"""Nanoseconds; a stamp further from its message's time than this is of another clock, such as a simulator's."""
 
 NOT_EXECUTED, EXECUTING, FAILED, SUCCEEDED, CANCELLED = range(1, 6)
 """The status of an `ActionExecutionInfo`."""
@@ -32,11 +32,11 @@ _OUTCOMES = {FAILED: "failed", SUCCEEDED: "succeeded", CANCELLED: "cancelled"}
 
 
 class Executions:
-    """The executions of actions that have been reported, and the runs that they are recorded as."""
+    """Records the executions of actions that are reported, each as a run."""
 
     def __init__(self, kb: KnowledgeBase, client: str) -> None:
         self.recorded: list[int] = []
-        """The numbers of the transactions, for whoever follows them to take."""
+        """The numbers of the recorded transactions; the mirror reads and clears it."""
         self._kb = kb
         self._client = client
         self._runs: dict[tuple[str, int], int] = {}
@@ -48,7 +48,7 @@ class Executions:
         self._is_noted = True
 
     def plan(self, message: Any, *, is_noted: bool = False) -> None:
-        """Take a plan: the durations to expect, and the note of the next start unless an earlier one has it."""
+        """Take the expected durations from a plan, and its text as the note of the next start unless it `is_noted`."""
         items = list(message.items)
         text = "; ".join(f"{item.time:.3f}: {item.action} [{item.duration:.3f}]" for item in items)
         if not items or text == self._plan:
@@ -90,7 +90,10 @@ class Executions:
             self._end(words, succeeded=succeeded, note=_note(f"{text} {outcome}", message.status))
 
     def _action(self, message: Any) -> tuple[str, ...]:
-        """The operator and its arguments. PlanSys2 gives an operator without parameters its own name as argument."""
+        """Return the operator and its arguments.
+
+        PlanSys2 passes the name of an operator without parameters as its argument; it is left out.
+        """
         arguments = tuple(message.arguments)
         if not self._kb.domain.action(message.action).parameters and arguments == (message.action,):
             arguments = ()
@@ -99,7 +102,7 @@ class Executions:
     # -- which run it is --------------------------------------------------------------------------------------
 
     def _find(self, words: tuple[str, ...], name: str, start: int, time: int) -> Run | None:
-        """The run that an execution is recorded as; None if it is not recorded."""
+        """Return the run that an execution is recorded as; None if it is not recorded."""
         number = self._runs.get((name, start))
         is_same_clock = abs(time - start) < SAME_CLOCK
         earliest = max(0, start - SLACK) if is_same_clock else self._kb.history_from
@@ -122,7 +125,7 @@ class Executions:
             expected = self._durations.get(tuple(map(key, words)))
             duration = None if expected is None else _stamp(expected)
         with self._kb.transaction(client=self._client, note=note) as tx:
-            # of one that still runs, the end was not reported
+            # if it still runs, its end was not reported
             _stop(tx, _running(tx.state(), words), succeeded=False)
             run = tx.report_start(*words, duration=duration)
         self.recorded.append(tx.result.number)
@@ -152,7 +155,7 @@ def _words(action: str) -> tuple[str, ...]:
 
 
 def _stamp(seconds: float) -> dict[str, int]:
-    """A duration of a plan, which comes in single precision."""
+    """Return a plan's duration, a float in single precision, as a ROS duration rounded to microseconds."""
     microseconds = round(seconds * 1e6)
     return {"sec": microseconds // 10**6, "nanosec": microseconds % 10**6 * 1000}
 

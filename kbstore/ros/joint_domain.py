@@ -1,4 +1,4 @@
-"""One domain of several files: PlanSys2's parameter `model_file` may name them with colons between."""
+"""Joins domain files: PlanSys2's parameter `model_file` may name several, separated by colons."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,9 +11,10 @@ _JOINED = (":requirements", *_TYPED, ":predicates", ":functions")
 
 
 def joint_domain(model_file: str) -> str | Path:
-    """Return the file, or of several the text of a domain with the sections of all, called by all their names.
+    """Return the path of a single file; for several, the text of one domain with the sections of all.
 
-    Raises `PddlSyntaxError` for a file that cannot be read, or that is not a domain.
+    Its name joins the names of the domains. Raises `PddlSyntaxError` for a file that cannot be read, or that is not a
+    domain.
     """
     paths = [Path(name) for name in model_file.split(":") if name]
     return paths[0] if len(paths) == 1 else _joined([SourceText.open(path) for path in paths])
@@ -33,7 +34,7 @@ def _joined(sources: Sequence[SourceText]) -> str:
                 continue
             parts = list(section[1:])
             if keyword in _TYPED and parts and parts[-2:-1] != ["-"]:
-                # what has no type must not get that of the next file's first
+                # otherwise untyped names at the end would get the type that follows in the next file
                 parts += ["-", "object"]
             joined[keyword] += [
                 text for text in map(node_text, parts) if keyword in _TYPED or text not in joined[keyword]
@@ -43,7 +44,7 @@ def _joined(sources: Sequence[SourceText]) -> str:
 
 
 def _domain(source: SourceText) -> tuple[str, list[Group]]:
-    """The name and the sections of a domain."""
+    """Return the name and the sections of a domain."""
     found: list[Node] = list(source.read())
     whole = found[0] if len(found) == 1 else None
     head = whole[1] if isinstance(whole, Group) and whole.word(0) == "define" and len(whole) > 1 else None

@@ -1,6 +1,6 @@
-"""A mirror of PlanSys2: what it publishes about its knowledge, its plan and its executions, recorded with the times.
+"""Mirrors PlanSys2: records what it publishes about its knowledge, its plan and its executions, with the times.
 
-It knows messages by their attributes, and needs no ROS: the recorder feeds it live, the importer of bags from a file.
+It reads messages by their attributes and needs no ROS: the recorder feeds it live, the importer of bags from a file.
 """
 
 import os
@@ -28,7 +28,7 @@ Item = TypeVar("Item", Instance, Fact, Function)
 class Mirror:
     """Records what PlanSys2 publishes in a knowledge base of its own.
 
-    In it everything is sensed (rule O8): a snapshot says what holds, and the effects of actions are not computed.
+    All symbols in it are sensed (rule O8): snapshots report what holds, and the effects of actions are not computed.
     """
 
     def __init__(
@@ -67,7 +67,7 @@ class Mirror:
         self._functions: dict[str, Function] = {}
         self._goal = ""
         self._number: int | None = None
-        """The last transaction, where the state is what the last snapshot says."""
+        """The last transaction, if the state is still that of the last snapshot; otherwise None."""
 
     def _load(self, domain: str | os.PathLike[str]) -> None:
         with self._kb.transaction(client=self._client, note="the domain of PlanSys2") as tx:
@@ -79,7 +79,7 @@ class Mirror:
     # -- knowledge --------------------------------------------------------------------------------------------
 
     def learn(self, message: Any) -> None:
-        """Infer types of objects from a `Knowledge` that is recorded later, or not at all."""
+        """Infer types of objects from a `Knowledge`, without recording it."""
         for text in (*message.predicates, *message.functions):
             atom = read_atom(text)
             self.types.observe(self._domain.symbol(atom.name), atom.arguments)
@@ -90,11 +90,11 @@ class Mirror:
             self.types.give(instance.name, instance.type)
 
     def missing_types(self, message: Any) -> list[str]:
-        """The objects of a `Knowledge` whose types are not known yet."""
+        """Return the objects of a `Knowledge` whose types are not known yet."""
         return [name for name in message.instances if not self.types.knows(name)]
 
     def knowledge(self, message: Any, time: int, values: Sequence[Any] = ()) -> Transaction:
-        """Make the state and the goal what a `Knowledge` says, by the difference alone (rule C13).
+        """Make the state and the goal those of a `Knowledge`, by the difference alone (rule C13).
 
         Args:
             message: has `instances`, `predicates`, `functions` and `goal`.
@@ -158,7 +158,7 @@ class Mirror:
         return tx.result, functions
 
     def functions(self, nodes: Sequence[Any], time: int) -> Transaction:
-        """Make the functions what `Node` messages say, and leave the rest of the state as it is.
+        """Make the functions those of `Node` messages, and leave the rest of the state as it is.
 
         PlanSys2 publishes no `Knowledge` when a function is updated or removed. Functions of objects that are not
         recorded are left to the next `Knowledge`.
@@ -179,7 +179,7 @@ class Mirror:
     # -- plans and executions ---------------------------------------------------------------------------------
 
     def plan(self, message: Any, *, is_noted: bool = False) -> None:
-        """Take a `Plan`: it tells durations, and is the note of the next start unless it `is_noted` already."""
+        """Take the expected durations from a `Plan`; it is the note of the next start unless it `is_noted` already."""
         self._executions.plan(message, is_noted=is_noted)
 
     def action_execution_info(self, message: Any, time: int) -> None:
@@ -200,7 +200,7 @@ class Mirror:
         self._follow()
 
     def _follow(self) -> None:
-        """Take what executions have recorded, if nobody else has written meanwhile."""
+        """Count the executions' transactions as the mirror's; after one of somebody else's the state is not known."""
         for number in self._executions.recorded:
             if self._number is not None:
                 self._number = number if number in (self._number, self._number + 1) else None
@@ -208,12 +208,12 @@ class Mirror:
 
 
 def declared_types(problem: str | os.PathLike[str], domain: Domain) -> Mapping[str, str]:
-    """The objects that a problem declares, and their types."""
+    """Return the objects that a problem declares, and their types."""
     return {item.instance_name: item.instance_type for item in read_problem(problem, domain).instances}
 
 
 def _without(items: Mapping[str, Item], others: Mapping[str, Item]) -> list[Item]:
-    """The items whose names others lack."""
+    """Return the items whose names are not among those of others."""
     return [item for name, item in items.items() if name not in others]
 
 

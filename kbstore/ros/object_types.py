@@ -1,4 +1,4 @@
-"""Types of objects that a message names without them: given elsewhere, or the only ones that fit where they occur."""
+"""Infers the types of objects that messages name without types, from the arguments in which the objects occur."""
 
 from collections.abc import Iterable, Mapping
 
@@ -8,11 +8,11 @@ from kbstore.model.domain import ROOT_TYPE, Domain, Signature
 from kbstore.names import key
 
 MOST = 10
-"""So many objects without a type are named."""
+"""The most objects without a type that an error names."""
 
 
 class ObjectTypes:
-    """The types of objects by name: those that are given, and those that arguments leave no choice about."""
+    """The types of objects by name: given ones, and inferred ones, which are the only types that fit."""
 
     def __init__(self, domain: Domain, given: Mapping[str, str]) -> None:
         self._domain = domain
@@ -20,7 +20,7 @@ class ObjectTypes:
         self._possible: dict[str, frozenset[str]] = {}
 
     def give(self, name: str, type_name: str) -> None:
-        """Take a type from whoever knows it; it replaces what was given or inferred before."""
+        """Set the type of an object; it replaces one that was given or inferred before."""
         self._types[key(name)] = type_name
 
     def knows(self, name: str) -> bool:
@@ -38,7 +38,7 @@ class ObjectTypes:
                 self.give(name, self._domain.type_spelling(*fitting))
 
     def types_of(self, names: Iterable[str]) -> dict[str, str]:
-        """The type of each object, constants left out.
+        """Return the type of each object, without constants.
 
         Raises `InvalidKnowledge` with the objects whose types are neither given nor can be inferred.
         """
@@ -68,4 +68,4 @@ class ObjectTypes:
         fitting = sorted(map(self._domain.type_spelling, self._candidates(name)))
         if not fitting:
             return f"{name} occurs where no type fits all of its places; give the problem that declares it"
-        return f"the type of {name} is not told, and may be {' or '.join(fitting)}; give the problem that declares it"
+        return f"the type of {name} is not given, and may be {' or '.join(fitting)}; give the problem that declares it"

@@ -1,6 +1,6 @@
-"""PlanSys2's domain expert: what the domain of a knowledge base declares, as its services answer it.
+"""PlanSys2's domain expert: its services, answered from the domain of a knowledge base.
 
-Everything here is a request and a response with the attributes of the messages; no ROS is imported.
+Requests and responses are used by the attributes of the messages; no ROS is imported.
 """
 
 from collections.abc import Iterable

@@ -26,7 +26,7 @@ from kbstore.ros.plansys2_service import Expert
 from kbstore.ros.ros2_node import NodeClock, quick_executor, spin
 
 DEPTH = 100
-"""How many messages of a topic wait for a slow subscriber."""
+"""The number of messages of a topic that wait for a slow subscriber."""
 
 PLANNER, VALIDATION = 3.0, 1.0
 """Seconds to wait for PlanSys2's planner, and for it to validate a domain."""
@@ -85,12 +85,12 @@ class ExpertNode(LifecycleNode, ABC):  # type: ignore[misc]
         return answer
 
     def _after(self, service: str, response: Any) -> None:
-        """Do what follows an answer."""
+        """Called after each answer; does nothing unless a node overrides it."""
 
     # -- transitions ------------------------------------------------------------------------------------------
 
     def on_configure(self, state: Any) -> Any:
-        """Open the knowledge base and load what the parameters name; a failure says in words what is wrong."""
+        """Open the knowledge base and load the files that the parameters name; log the error of a failure."""
         try:
             self._kb = self._open()
             self._expert = self._make(self._kb)
@@ -119,7 +119,7 @@ class ExpertNode(LifecycleNode, ABC):  # type: ignore[misc]
             self._kb = None
 
     def text(self, name: str) -> str:
-        """A parameter's value."""
+        """Return a parameter's value."""
         return str(self.get_parameter(name).value)
 
     def _open(self) -> KnowledgeBase:
@@ -134,7 +134,7 @@ class ExpertNode(LifecycleNode, ABC):  # type: ignore[misc]
 
     @abstractmethod
     def _make(self, kb: KnowledgeBase) -> Expert:
-        """The expert that answers from a knowledge base."""
+        """Return the expert that answers from a knowledge base. Raises `KbStoreError` if it cannot."""
 
 
 class DomainExpertNode(ExpertNode):
@@ -153,7 +153,7 @@ class DomainExpertNode(ExpertNode):
         return DomainExpert(kb, msg)
 
     def _validate(self, domain: str) -> None:
-        """Ask PlanSys2's planner whether it accepts the domain."""
+        """Raise `InvalidKnowledge` if PlanSys2's planner refuses the domain, `StoreUnavailable` without an answer."""
         # a node of its own, as this one waits for the answer within a callback
         asking = rclpy.create_node(f"{self.get_name()}_validation", namespace=self.get_namespace())
         executor = SingleThreadedExecutor()
@@ -190,12 +190,12 @@ class ProblemExpertNode(ExpertNode):
     def _make(self, kb: KnowledgeBase) -> ProblemExpert:
         if self.text("problem_file"):
             kb.load(None, self.text("problem_file"), once=True, client=self.get_name(), note="problem_file")
-        # without a domain nothing can be answered
+        # raises an error, as without a domain nothing can be answered
         _ = kb.domain
         return ProblemExpert(kb, msg, client=self.get_name())
 
     def on_activate(self, state: Any) -> Any:
-        """Publish what is known: after a restart, subscribers would wait for the first change."""
+        """Publish the state, for which subscribers would otherwise have to wait until the first change."""
         result = super().on_activate(state)
         self._publish()
         return result
@@ -214,9 +214,9 @@ class ProblemExpertNode(ExpertNode):
                 self._publisher.submit(self._publish)
 
     def _publish(self) -> None:
-        """Publish what is known."""
+        """Publish the state as a `Knowledge`."""
         with self._publishing:
-            # what changes from here on may be missed, and is published again
+            # changes from here on may not be in the message, and need another one
             self._is_due = False
             expert = self._expert
             if not isinstance(expert, ProblemExpert):

@@ -1,6 +1,6 @@
-"""PlanSys2's problem expert: its services answer from a knowledge base, and change it, each in one transaction.
+"""PlanSys2's problem expert: its services, answered from a knowledge base, which they change in one transaction each.
 
-Everything here is a request and a response with the attributes of the messages; no ROS is imported.
+Requests and responses are used by the attributes of the messages; no ROS is imported.
 """
 
 from typing import Any, ClassVar
@@ -52,7 +52,7 @@ class ProblemExpert(Expert):
     """The services after which, if they succeed, `update_notify` is published."""
 
     QUIET = frozenset({"remove_problem_function", "update_problem_function"})
-    """Those of them after which no `Knowledge` is published."""
+    """The changing services after which no `Knowledge` is published."""
 
     def __init__(self, kb: KnowledgeBase, messages: Any, *, client: str = "problem_expert") -> None:
         """Answer for a knowledge base.
@@ -219,9 +219,9 @@ class ProblemExpert(Expert):
         response.states = nodes
 
     def _check(self, item: Fact | Function, question: Fact | Function) -> None:
-        """Refuse to remove what refers to an object that does not exist, as PlanSys2 does, or that does not fit (V10).
+        """Raise `InvalidKnowledge` for an item with an object that does not exist, as PlanSys2 does, or does not fit.
 
-        It is asked before the transaction, which would read the whole state for it.
+        It is checked before the transaction (rule V10), which would read the whole state for that.
         """
         for name in item.arguments:
             # the removal itself takes ? for any object
@@ -232,7 +232,7 @@ class ProblemExpert(Expert):
     # -- everything -------------------------------------------------------------------------------------------
 
     def knowledge(self) -> Any:
-        """The state as a `Knowledge`: functions are listed without their values, as PlanSys2 does."""
+        """Return the state as a `Knowledge`: functions are listed without their values, as PlanSys2 does."""
         state = self._kb.state()
         message = self._messages.Knowledge()
         constants = () if state.domain is None else state.domain.constants
@@ -254,7 +254,7 @@ def _function(node: Any) -> Function:
 
 
 def _check_kind(node: Any, kind: NodeType) -> None:
-    """Refuse a node of another kind; PlanSys2 looks at the name alone, and a node may be without a kind."""
+    """Raise `InvalidKnowledge` for a node of another kind; a node without a kind will do, as with PlanSys2."""
     if node.node_type not in (NodeType.UNKNOWN, kind):
         raise InvalidKnowledge(
             f"{node.name or 'the node'} has the node_type {node.node_type}, not {kind.name} {kind:d}"
@@ -266,7 +266,7 @@ def _arguments(node: Any) -> list[str]:
 
 
 def _is_empty(tree: Any) -> bool:
-    """Return whether a tree says nothing: it has no nodes, or its root should have parts and has none."""
+    """Return whether a tree is empty: it has no nodes, or its root should have parts and has none."""
     nodes = tree.nodes
     return not nodes or (nodes[0].node_type in _WITH_PARTS and not nodes[0].children)
 
@@ -275,7 +275,7 @@ _WITH_PARTS = (NodeType.AND, NodeType.OR, NodeType.NOT, NodeType.EXPRESSION, Nod
 
 
 def _existing(name: str, state: State) -> Instance:
-    """An object or constant as it is written. Raises `InvalidKnowledge` if it does not exist."""
+    """Return an object or constant as it was first written. Raises `InvalidKnowledge` if it does not exist."""
     type_name, domain = state.snapshot.type_of(key(name)), state.domain
     if type_name is None or domain is None:
         raise InvalidKnowledge(f"there is no object {name}")
@@ -285,7 +285,7 @@ def _existing(name: str, state: State) -> Instance:
 
 
 def _true_atoms(state: State) -> list[Atom]:
-    """The facts that are true, and what is derived."""
+    """Return the facts that are true, derived ones included."""
     found = [Atom(fact.attribute_name, fact.arguments) for fact in state.facts if not fact.is_negative]
     for rules in state.domain.rules.values() if state.domain is not None else ():
         head = rules[0].head

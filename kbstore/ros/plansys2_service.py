@@ -1,4 +1,4 @@
-"""The services of PlanSys2's experts: a table of names and types, and how a question is answered or refused."""
+"""Common to PlanSys2's two experts: a table of services, and how requests are answered or refused."""
 
 from collections.abc import Callable, Mapping
 from typing import Any, ClassVar
@@ -6,19 +6,19 @@ from typing import Any, ClassVar
 from kbstore.errors import KbStoreError
 
 Service = Callable[[Any, Any], None]
-"""Reads a request and fills in a response."""
+"""A function that reads a request and fills in a response."""
 
 
 class Expert:
-    """Answers services by name; `TYPES` has the type of each, of `plansys2_msgs.srv`."""
+    """Answers services by their names; `TYPES` maps these to types of `plansys2_msgs.srv`."""
 
     TYPES: ClassVar[Mapping[str, str]] = {}
 
     def answer(self, service: str, request: Any, response: Any) -> Any:
         """Answer a request in the response, which is returned.
 
-        An error of kbstore is `error_info`, and not a success; where the response has neither field, what is asked for
-        does not exist.
+        An error of kbstore's sets `error_info`, and `success` to false. A response without these fields has `exist`,
+        which is set to false.
         """
         try:
             getattr(self, service)(request, response)
@@ -31,7 +31,7 @@ class Expert:
 
     @staticmethod
     def refuse(response: Any, reason: str) -> Any:
-        """Answer that a request is refused, and why."""
+        """Fill in a response for a request that is refused, with the reason if it has a field for one."""
         if hasattr(response, "success"):
             response.success, response.error_info = False, reason
         else:

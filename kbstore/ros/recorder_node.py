@@ -1,6 +1,6 @@
-"""A node of ROS 2 that records a running PlanSys2 in a knowledge base, and changes nothing of it.
+"""A ROS 2 node that records a running PlanSys2 in a knowledge base, and changes nothing in PlanSys2.
 
-What it receives waits in order; of the snapshots that wait only the latest is recorded. Needs rclpy and PlanSys2's
+Received messages are queued; of several snapshots in the queue only the latest is recorded. Needs rclpy and PlanSys2's
 messages (`plansys2_msgs`), which a ROS 2 distribution brings; a command imports it.
 """
 
@@ -27,25 +27,26 @@ from kbstore.ros.ros2_node import NodeClock, quick_executor, spin
 NAME = "kbstore_recorder"
 
 DEPTH = 100
-"""How many messages of a topic wait to be received."""
+"""The number of messages of a topic that wait to be received."""
 
 ANSWER = 1.0
 """Seconds that PlanSys2's experts have to answer a question."""
 
 SETTLED = 0.05
-"""Seconds after `update_notify` within which a `Knowledge` makes a question about functions needless."""
+"""Seconds to wait after `update_notify` for a `Knowledge`, which makes it needless to ask for the functions."""
 
 HISTORY = 0.3
-"""Seconds without another `Knowledge` after which the first one is the latest: who comes late gets older ones first."""
+"""Seconds without another `Knowledge` after which the first one counts as the latest: a late subscriber gets older
+ones first."""
 
 LATEST = 1.0
-"""Seconds after which it is the latest in any case: they may keep coming."""
+"""Seconds after which it counts as the latest even if others keep coming."""
 
 AGAIN = 1.0
-"""Seconds between two attempts to record, while the store cannot be reached."""
+"""Seconds between two attempts to record while the store cannot be reached."""
 
 FATAL = (ClockJumped, ClockWentBackwards)
-"""What no later message can mend."""
+"""The errors after which no later message could be recorded either."""
 
 
 def run(url: str, kb: str, domain: str | None, problem: str | None, arguments: Sequence[str] = ()) -> None:
@@ -86,7 +87,7 @@ def run(url: str, kb: str, domain: str | None, problem: str | None, arguments: S
 
 
 class Recorder:
-    """Receives in the executor's thread, and records in a thread of its own (`work`)."""
+    """Receives messages in the executor's thread, and records them in a thread of its own (`work`)."""
 
     def __init__(
         self, node: Any, kb: KnowledgeBase, clock: ManualClock, domain: str | None, problem: str | None
@@ -99,7 +100,7 @@ class Recorder:
         self._ready = threading.Condition()
         self._waiting: deque[tuple[str, Any, int]] = deque()
         self._is_stopping = False
-        self._told = ""
+        self._logged = ""
         self._instances: frozenset[str] = frozenset()
         self._is_latest = False
         self._snapshots = 0
@@ -129,7 +130,7 @@ class Recorder:
         return receive
 
     def stop(self) -> None:
-        """End `work` after what it is recording."""
+        """End `work` once it has recorded the current message."""
         with self._ready:
             self._is_stopping = True
             self._ready.notify()
@@ -146,12 +147,12 @@ class Recorder:
                 except FATAL:
                     raise
                 except StoreUnavailable as error:
-                    self._tell(f"waiting for the store: {error}")
+                    self._warn(f"waiting for the store: {error}")
                     self._put_back(entry)
                 except KbStoreError as error:
-                    self._tell(f"not recorded: {error}")
+                    self._warn(f"not recorded: {error}")
         except Exception as error:
-            # whatever it is: a recorder that does not record must not go on
+            # any error at all: a recorder that does not record must not look as if it did
             self.failure = error
         wake()
 
@@ -159,7 +160,7 @@ class Recorder:
         with self._ready:
             self._ready.wait_for(lambda: self._waiting or self._is_stopping)
             if not self._is_stopping and len(self._waiting) == 1 and self._waiting[0][0] == "notify":
-                # a Knowledge that follows has the news
+                # a Knowledge that follows has the functions, too
                 self._ready.wait_for(lambda: len(self._waiting) > 1 or self._is_stopping, SETTLED)
             end = time.monotonic() + LATEST
             while not self._is_stopping and not self._is_latest and self._waiting[0][0] == "knowledge":
@@ -168,7 +169,7 @@ class Recorder:
             return None if self._is_stopping else self._waiting.popleft()
 
     def _put_back(self, entry: tuple[str, Any, int]) -> None:
-        """Let an entry be the next again, after a while, unless a later snapshot has taken its place."""
+        """Put an entry back at the front, unless a later snapshot has replaced it, and wait before the next attempt."""
         with self._ready:
             if entry[0] not in ("knowledge", "notify") or all(kind != "knowledge" for kind, *_ in self._waiting):
                 self._waiting.appendleft(entry)
@@ -178,10 +179,10 @@ class Recorder:
         return lambda: self._snapshots > before or self._is_stopping
 
     def _open_mirror(self) -> Mirror | None:
-        """Wait until the domain is known; None where `stop` comes first."""
+        """Wait until the domain is known, and return the mirror; None if `stop` comes first."""
         while not self._is_stopping:
             if not self._time.now():
-                self._tell("waiting for the first message on /clock, as use_sim_time is set")
+                self._warn("waiting for the first message on /clock, as use_sim_time is set")
                 time.sleep(SETTLED)
                 continue
             domain = None if self._domain is None else joint_domain(self._domain)
@@ -191,12 +192,12 @@ class Recorder:
                 self._clock.set(self._time.now())
                 return Mirror(self._kb, self._clock, domain=domain, problem=self._problem)
             except UnknownSymbol:
-                self._tell("waiting for domain_expert/get_domain; --domain names the domain without it")
+                self._warn("waiting for domain_expert/get_domain; --domain names the domain without it")
                 time.sleep(SETTLED)
         return None
 
     def _record(self, mirror: Mirror, kind: str, message: Any, received: int) -> None:
-        # what came before a simulator's clock has no time of its own
+        # a message received before the first time of a simulator's clock has the time 0
         now = received or self._time.now()
         match kind:
             case "knowledge":
@@ -223,7 +224,7 @@ class Recorder:
         self._instances = names
 
     def _ask(self, client: Any, request: Any, patience: float = 0.0) -> Any:
-        """The answer of one of PlanSys2's experts; None where it is not there, refuses, or is slower than `ANSWER`."""
+        """Return the answer of a PlanSys2 expert; None if it is not there, refuses, or is slower than `ANSWER`."""
         try:
             if not client.service_is_ready() and not (patience and client.wait_for_service(timeout_sec=patience)):
                 return None
@@ -240,8 +241,8 @@ class Recorder:
             return None
         return future.result()
 
-    def _tell(self, text: str) -> None:
-        """Log a sentence, once as long as nothing else is to be told."""
-        if text != self._told:
-            self._told = text
+    def _warn(self, text: str) -> None:
+        """Log a warning, unless it is the same as the last one."""
+        if text != self._logged:
+            self._logged = text
             self._log.warning(text)

@@ -1,4 +1,4 @@
-"""ROS 1 messages of ROSPlan, made from kbstore's own, which have the same field names."""
+"""Makes ROSPlan's ROS 1 messages from kbstore's own, which have the same field names."""
 
 from collections.abc import Callable
 from functools import lru_cache
@@ -15,7 +15,7 @@ from kbstore.messages import (
 )
 
 Make = Callable[[str], Any]
-"""Makes a message of a type, with ROS's defaults in its fields: ``make("KnowledgeItem")``.
+"""A function that makes a message of a type, with ROS's defaults in its fields: ``make("KnowledgeItem")``.
 
 A type is named as in its package; the response of a service is ``GetInstanceServiceResponse``. A message lists its
 fields in ``__slots__``, as those of genpy do.
@@ -25,13 +25,13 @@ _NAMES = dict.fromkeys((Instance, Fact, Function, Expression, Inequality), "Know
 
 
 def to_ros(message: Message, make: Make) -> Any:
-    """Return a message of ROS with the values of one of kbstore's; a field that ROS lacks (a rate) is left out."""
+    """Return a ROS message with the values of one of kbstore's; a field that ROS lacks (the rate) is left out."""
     kind = type(message)
     return filled(make(_NAMES.get(kind) or kind.__name__), message, make)
 
 
 def filled(target: Any, source: Message, make: Make) -> Any:
-    """The same into a message that is there already, which is returned."""
+    """Copy the values of a message of kbstore's into a ROS message, and return that."""
     kind_of_target: Any = type(target)
     for name in _shared(type(source), kind_of_target):
         value = getattr(source, name)
@@ -55,7 +55,7 @@ _PLAIN = frozenset((str, int, float, bool))
 
 @lru_cache(maxsize=64)
 def _shared(source: type[Message], target: type[Any]) -> tuple[str, ...]:
-    """The fields that both messages have; a state of 1,000 facts is 2,000 messages."""
+    """Return the fields that both messages have; cached, because a state of 1,000 facts is 2,000 messages."""
     fields = set(target.__slots__)
     return tuple(name for name in source.model_fields if name in fields)
 

@@ -1,4 +1,4 @@
-"""What nodes of ROS 2 share: their clock, and the executor that answers quickly. Needs rclpy."""
+"""Shared by kbstore's ROS 2 nodes: their clock, and an executor that answers quickly. Needs rclpy."""
 
 from collections.abc import Callable
 from typing import Any
@@ -10,16 +10,16 @@ from rclpy.wait_for_message import wait_for_message
 from rosgraph_msgs.msg import Clock
 
 LOOK = 0.5
-"""Seconds between two looks at whether to go on, where nothing happens."""
+"""Seconds between two checks whether to stop, while nothing happens."""
 
 WAIT = 5.0
 """Seconds to wait for the first message of a simulator's clock."""
 
 
 def quick_executor() -> Any:
-    """Return an executor that is called by events, where rclpy has one.
+    """Return rclpy's event-driven executor; a `SingleThreadedExecutor` if this rclpy has none.
 
-    The others look through all entities of a node after each, which takes longer than to answer most questions.
+    Other executors look through all entities of a node after each event, which takes longer than most answers.
     """
     try:
         from rclpy.experimental import EventsExecutor
@@ -29,7 +29,7 @@ def quick_executor() -> Any:
 
 
 def spin(executor: Any, is_done: Callable[[], bool] = lambda: False) -> None:
-    """Serve until a signal shuts ROS down, or something is done; an executor's own `spin` may not see a signal."""
+    """Serve until a signal shuts ROS down, or `is_done` returns true; an executor's own `spin` may miss a signal."""
     try:
         while rclpy.ok() and not is_done():
             executor.spin_once(timeout_sec=LOOK)
@@ -52,7 +52,7 @@ class NodeClock:
         return found or self._first
 
     def wait(self) -> None:
-        """Wait until a simulator tells a time, at most for `WAIT`; the node itself has none within a callback."""
+        """Wait for a simulator's first time, at most `WAIT` seconds; on a node of its own, as callbacks get none."""
         if not self._node.get_parameter("use_sim_time").value or self.now():
             return
         self._node.get_logger().info("waiting for the first message on /clock, as use_sim_time is set")

@@ -1,7 +1,7 @@
 """The services of ROSPlan's knowledge base, without ROS: from a request to its response.
 
-Requests are whatever has the attributes of ROSPlan's messages, and responses are made by the caller's own types, so
-that nothing here needs ROS. `kbstore.ros.rosplan_node` puts it on a graph.
+Requests may be of any type with the attributes of ROSPlan's messages, and the caller makes the messages of responses,
+so nothing here needs ROS. `kbstore.ros.rosplan_node` serves it on a graph.
 """
 
 from collections.abc import Callable, Iterable
@@ -42,17 +42,17 @@ SERVICES = {
 """The type of each service, by its name below the node's."""
 
 MOST = 10_000
-"""The most messages that are remembered; 20 MB or so."""
+"""The most messages that are cached; about 20 MB."""
 
 
 class RosplanServices:
     """Answers ROSPlan's services from a knowledge base, by `kbstore`'s rules.
 
     Args:
-        kb: what is asked and changed.
-        make: makes the messages of the answers, which must not be changed: those of items are made once.
-        publish: takes the StatusUpdate that follows a call of ``update_array``.
-        report: takes the reason, in words, where a response can only carry that it was no success.
+        kb: the knowledge base.
+        make: makes the messages of the responses, which must not be changed: those of items are cached.
+        publish: is called with the StatusUpdate that follows a call of ``update_array``.
+        report: is called with the reason of a failure that a response can only report as a bool.
     """
 
     def __init__(
@@ -65,7 +65,7 @@ class RosplanServices:
     ) -> None:
         self._kb = kb
         self._make = make
-        self._remembered = lru_cache(MOST)(lambda message: to_ros(message, make))
+        self._cached = lru_cache(MOST)(lambda message: to_ros(message, make))
         self._publish = publish
         self._report = report
 
@@ -78,8 +78,8 @@ class RosplanServices:
             client: who calls; the client of the transaction.
 
         Raises:
-            KbStoreError: where the question cannot be answered, or where ``clear`` fails; the responses of the
-                other services that change something have a field for it.
+            KbStoreError: a question cannot be answered, or ``clear`` fails; the other services that change something
+                report a failure in their response.
         """
         response = self._make(f"{SERVICES[service]}Response")
         getattr(self, f"_{service.replace('/', '_')}")(request, response, client)
@@ -114,7 +114,7 @@ class RosplanServices:
     # -- the state --------------------------------------------------------------------------------------------
 
     def _query_state(self, request: Any, response: Any, _client: str) -> None:
-        # as items, of which the same question is prepared once
+        # as items: prepared questions are cached by items, not by messages of ROS
         found = self._kb.query(*map(from_message, request.knowledge))
         response.all_true, response.results = found.all_true, list(found.results)
         # as they were asked, for a caller that compares them with its question
@@ -140,7 +140,7 @@ class RosplanServices:
         response.attributes = self._named(self._kb.timed_knowledge, request.predicate_name)
 
     def _named(self, ask: Callable[[str], Iterable[Any]], name: str) -> list[Any]:
-        """List the items of a symbol, or all; a predicate has no values as a function, which is not an error."""
+        """Return the items of a symbol, or all; none for a symbol of the other kind (predicate or function)."""
         try:
             return self._messages(ask(name))
         except UnknownSymbol:
@@ -173,7 +173,7 @@ class RosplanServices:
 
     def _update_array(self, request: Any, response: Any, client: str) -> None:
         def update() -> Transaction:
-            # a field of bytes, as ROS reads an array of them, gives its numbers
+            # ROS reads an array of bytes as bytes; a list of them has the numbers
             kinds, items = list(request.update_type), request.knowledge
             if len(kinds) != len(items):
                 raise InvalidKnowledge(f"there are {len(kinds)} update types for {len(items)} items; give one for each")
@@ -205,7 +205,7 @@ class RosplanServices:
     def _attempt(
         self, response: Any, service: str, client: str, change: Callable[[], Transaction]
     ) -> Transaction | None:
-        """Change something, and put into the response whether that was a success; report why not."""
+        """Call `change`, and set `success` in the response; report the reason of a failure."""
         try:
             done = change()
         except KbStoreError as error:
@@ -216,8 +216,8 @@ class RosplanServices:
         return done
 
     def _message(self, found: Message) -> Any:
-        # a number seldom has the same value again
-        return to_ros(found, self._make) if isinstance(found, Function) else self._remembered(found)
+        # functions are not cached: a number seldom has the same value again
+        return to_ros(found, self._make) if isinstance(found, Function) else self._cached(found)
 
     def _messages(self, found: Iterable[Message]) -> list[Any]:
         with gc_paused():
@@ -225,14 +225,17 @@ class RosplanServices:
 
 
 def _update_of(kind: int, item: Any) -> tuple[int, Any]:
-    """An update as `kb.update` takes it; what removes the metric need not say which."""
+    """Return an update for `kb.update`; the removal of the metric may come without an expression."""
     if kind == UpdateType.REMOVE_METRIC and item.knowledge_type != KnowledgeType.EXPRESSION:
         return kind, Expression()
     return kind, item
 
 
 def _oneof_problem(items: list[Any], state: State) -> str:
-    """A problem that says nothing but that exactly one of some facts is true, about objects that exist."""
+    """Return a problem in PDDL that only states that exactly one of some facts is true.
+
+    Raises `InvalidKnowledge` for other items, and for objects that do not exist.
+    """
     atoms, named = [], set[str]()
     symbols = SymbolTable(state.domain)
     for item in items:

@@ -1,4 +1,4 @@
-"""ROSPlan's knowledge base as a node of ROS 1: its services and its topic, answered from a store.
+"""ROSPlan's knowledge base as a ROS 1 node: its services and its topic, served from a store.
 
 Needs rospy and the messages of ROSPlan (`rosplan_knowledge_msgs`), which a ROS 1 distribution brings.
 """
@@ -16,13 +16,13 @@ from kbstore.knowledge_base import KnowledgeBase
 from kbstore.ros.rosplan import SERVICES, RosplanServices
 
 NAME = "rosplan_knowledge_base"
-"""The node's name, unless ``__name:=`` gives another: the one that ROSPlan's own nodes expect."""
+"""The node's default name, which ROSPlan's own nodes expect; ``__name:=`` gives another."""
 
 QUEUE = 100
 """The number of messages that wait for a slow subscriber."""
 
 ANSWER = "GetAttributeServiceResponse"
-"""The answer that has many items."""
+"""The type of the responses with many items."""
 
 _MESSAGES = ("rosplan_knowledge_msgs.msg", "rosplan_knowledge_msgs.srv", "diagnostic_msgs.msg", "std_srvs.srv")
 
@@ -38,7 +38,7 @@ class NodeClock:
         return int(self._rospy.get_rostime().to_nsec())
 
     def wait(self) -> None:
-        """Wait until there is a time; a simulated clock has none before its first message."""
+        """Wait until the clock has a time; a simulated clock has none before its first message."""
         if not self._rospy.is_shutdown() and not self.now():
             self._rospy.loginfo("waiting for the first message on /clock, as use_sim_time is set")
         while not self._rospy.is_shutdown() and not self.now():
@@ -69,13 +69,13 @@ def run(url: str | None, kb: str | None, arguments: Sequence[str] = ()) -> None:
     with kbstore.open(place, name, clock=clock, use_unknowns=use_unknowns) as opened:
         _load(rospy, opened)
         _serve(rospy, opened, _Types(packages))
-        gc.freeze()  # what has been imported stays, and need not be looked through at each answer
+        gc.freeze()  # so that the garbage collector does not go through all imported objects again and again
         rospy.loginfo("ready: %s in %s", name, opened)
         rospy.spin()
 
 
 def _load(rospy: Any, kb: KnowledgeBase) -> None:
-    """Load what the parameters name, unless this knowledge base ever has: a restart goes on where it was."""
+    """Load the files that the parameters name, unless they were loaded before: a restart continues with the state."""
     domain = rospy.get_param("~domain_path", rospy.get_param("/rosplan/domain_path", ""))
     problem = rospy.get_param("~problem_path", "")
     if domain or problem:
@@ -83,7 +83,7 @@ def _load(rospy: Any, kb: KnowledgeBase) -> None:
 
 
 class _Types:
-    """The types of messages and services by their names."""
+    """The types of messages and services, by name."""
 
     def __init__(self, packages: Sequence[Any]) -> None:
         self._packages = packages
@@ -103,7 +103,7 @@ class _Types:
 
 
 def _item(kind: Any) -> Any:
-    """A KnowledgeItem that is serialized once; it must not be changed after that."""
+    """Return a subclass of KnowledgeItem that is serialized once; an item must not be changed after that."""
 
     class Item(kind):  # type: ignore[misc]
         serialized = b""
@@ -119,7 +119,7 @@ def _item(kind: Any) -> Any:
 
 
 def _answer(kind: Any) -> Any:
-    """An answer of items that serializes them one by one; genpy's own writes all their fields again each time."""
+    """Return a subclass of a response that serializes item by item; genpy's writes all their fields each time."""
 
     class Answer(kind):  # type: ignore[misc]
         def serialize(self, buff: Any) -> None:
@@ -140,7 +140,7 @@ def _serve(rospy: Any, kb: KnowledgeBase, types: _Types) -> None:
             try:
                 return services.call(service, request, request._connection_header["callerid"])
             except KbStoreError as error:
-                # the caller gets the sentence, and the log no traceback
+                # the caller gets the message; `from None` keeps a traceback out of the log
                 raise rospy.ServiceException(str(error)) from None
 
         return answer

@@ -190,7 +190,7 @@ def test_types_come_from_parameters_without_a_choice(kb, clock):
 def test_types_with_a_choice_are_refused(kb, clock):
     """A room may be a dock: then the type comes from the problem, or the snapshot is refused with the choice."""
     message = knowledge("r1 a", ["(robot_at r1 a)"])
-    with pytest.raises(InvalidKnowledge, match="the type of a is not told, and may be dock or room"):
+    with pytest.raises(InvalidKnowledge, match="the type of a is not given, and may be dock or room"):
         untold(kb, clock).knowledge(message, seconds(101))
     problem = "(define (problem p) (:domain delivery) (:objects a - dock) (:init) (:goal (and)))"
     untold(kb, clock, problem=problem).knowledge(message, seconds(102))
