@@ -6,6 +6,7 @@ from functools import partial
 from itertools import groupby
 from typing import Any, TypeVar
 
+from kbstore.clock import TIME_LIMIT
 from kbstore.errors import InvalidKnowledge, KbStoreError, UnknownSymbol
 from kbstore.messages import (
     Condition,
@@ -164,14 +165,21 @@ def problem_batch(problem: Problem, handlers: Handlers, now: int) -> Batch:
     batch.add(Role.STATE, problem.instances, handlers.add, place("instances"))
     batch.add(Role.STATE, problem.init, handlers.add, place("init"))
     timed = [item.changed(initial_time=now + offset) for offset, item in problem.timed]
-    batch.add(Role.STATE, timed, handlers.add, place("timed"))
+    batch.add(Role.STATE, timed, lambda item, t: _too_late(item, t) or handlers.add(item, t), place("timed"))
     batch.add(Role.GOAL, problem.goals, handlers.add_goal, place("goals"))
     if problem.metric is not None:
         batch.add(Role.STATE, [problem.metric], handlers.add_metric)
     batch.steps += [partial(handlers.add_constraint, text) for text in (*problem.constraints, *problem.uncertain)]
     batch.steps += [partial(handlers.add_constraint, text, about) for about, text in problem.object_values.items()]
-    batch.steps += [partial(handlers.add_constraint, text, about, now + at) for at, about, text in problem.timed_values]
+    for offset, about, text in problem.timed_values:
+        batch.steps.append(partial(_too_late, text, now + offset))
+        batch.steps.append(partial(handlers.add_constraint, text, about, now + offset))
     return batch
+
+
+def _too_late(what: object, t: int) -> Violations:
+    """Return that something is to take effect beyond what is a time, if it is (rule T1)."""
+    return [] if t < TIME_LIMIT else [f"{what} is to take effect after the year 2116; times end at 2**62 nanoseconds"]
 
 
 def closed_world_violations(problem: Problem) -> list[str]:

@@ -42,6 +42,15 @@ def test_a_problem_is_objects_facts_numbers_goals_metric_and_timed_knowledge(ope
     ]
 
 
+def test_timed_knowledge_for_what_is_not_a_time_is_refused(kb):
+    """T1, P1, P3: nothing is skipped silently, also not what would take effect after the last time there is."""
+    offset = (kbstore.clock.TIME_LIMIT - START) // seconds(1)
+    kb.load(DOMAIN, PROBLEM.replace("at 60", f"at {offset - 1}"))
+    assert scheduled(kb)[-1] == (START + seconds(offset - 1), "(open wp1)")
+    with pytest.raises(kbstore.InvalidKnowledge, match=r"line 7, column \d+: \(open wp1\) is to take effect after"):
+        kb.load(DOMAIN, PROBLEM.replace("at 60", f"at {offset + 1}"))
+
+
 def test_loading_a_problem_adds_to_what_stands(kb):
     """P3: what is there stays."""
     kb.add("(open hall)")
