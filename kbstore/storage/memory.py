@@ -133,8 +133,11 @@ class StoreMemory:
 
     def acknowledge(self, head: Head, timelines: Iterable[Timeline]) -> None:
         """Remember the end of the log for this process, and the timelines that it made in a transaction."""
-        with self.progress.lock:
-            self.progress.seen = self.progress.acknowledged = Mark(head.number, head.token)
+        progress = self.progress
+        with progress.lock:
+            # a thread that committed later may have been here before
+            if progress.acknowledged is None or progress.acknowledged.number <= head.number:
+                progress.seen = progress.acknowledged = Mark(head.number, head.token)
         for timeline in timelines:
             self.timelines.put(timeline)
 

@@ -17,6 +17,8 @@ import sqlalchemy as sa
 
 import kbstore
 from kbstore import StoreUnavailable, StoreWentBack
+from kbstore.storage.memory import Mark, StoreMemory
+from kbstore.storage.records import Head
 
 DOMAIN = "(define (domain rooms) (:types room) (:predicates (clean ?p - room)) (:functions (dust ?p - room)))"
 OTHER = "(define (domain rooms) (:types room) (:predicates (tidy ?p - room) (clean ?p - room)))"
@@ -144,6 +146,16 @@ def test_what_was_remembered_since_an_own_transaction_is_not_answered(store, ope
     with pytest.raises(StoreWentBack):
         until_connected(lambda: kb.holds("(clean hall)"))
     assert kb.holds("(clean hall)")
+
+
+def test_the_last_of_two_threads_is_what_may_be_lost():
+    """A thread that committed first, and is late to say so, does not make the other's transaction be forgotten."""
+    memory = StoreMemory("kenny")
+    tokens = {5: 105, 6: 106}
+    for number in (6, 5):
+        memory.acknowledge(Head(number, 0, tokens[number], 0, 0, 0, 0, 0, 0, None), ())
+    with pytest.raises(StoreWentBack, match="kenny was at transaction 6, and is at transaction 5"):
+        memory.look(memory.progress.seen, Mark(5, 105), tokens.get)
 
 
 def test_nothing_is_written_by_a_number_that_was_remembered(lost):
