@@ -1,1 +1,1 @@
-"""Rows and messages: the tables of a store, every SQL statement, and who runs them."""
+"""The tables of a store, its SQL statements, and the connections that execute them."""

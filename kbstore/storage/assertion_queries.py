@@ -24,7 +24,7 @@ from kbstore.storage.statements import (
 )
 
 ROW = {"kb_id": "kb", "recorded_tx": "row_tx", "seq": "row_seq"}
-"""The key of an assertion, and what its values are called where a row is changed."""
+"""The columns of an assertion's key, and the names of their values in statements that change a row."""
 
 HEAD_COLUMNS = (
     "last_number",
@@ -44,7 +44,7 @@ _heads, _schedules, _timelines = tables.heads.c, tables.schedules.c, tables.time
 
 
 def _with_symbol() -> Any:
-    """Timelines of a role and knowledge type whose keys lie in [:first_key, :last_key)."""
+    """Return the condition for timelines of a role and knowledge type whose keys lie in [:first_key, :last_key)."""
     return and_(
         _timelines.kb_id == KB,
         _timelines.role == parameter("role"),
@@ -76,7 +76,7 @@ class AssertionQueries:
 
     @cached_property
     def holding_as_of(self) -> Statement:
-        """The assertions at :t by what was known after the transaction :number, whose time is not before :t."""
+        """The assertions that held at :t by what was known after the transaction :number, whose time is :t or later."""
         columns = self._columns
         known = columns.recorded_tx <= parameter("number")
         since = columns.retired_tx > parameter("number")
@@ -90,7 +90,7 @@ class AssertionQueries:
     def ended_since(self) -> Statement:
         """The assertions until :t, the time of the transaction :number, that were ended at :t by a later one.
 
-        :levels are all on which something is kept that has an end.
+        :levels are all levels of rows with an end.
         """
         columns, number = self._columns, parameter("number")
         was_known = and_(
@@ -151,7 +151,7 @@ class AssertionQueries:
 
     @cached_property
     def mentioning(self) -> Statement:
-        """The same on those of them that mention an :object, given by the number of its INSTANCE timeline."""
+        """The rows of `of_symbol` on timelines that mention an :object, which is the number of an INSTANCE timeline."""
         mentions = tables.mentions.c
         named = tables.mentions.join(
             tables.timelines, and_(_timelines.kb_id == KB, _timelines.id == mentions.timeline_id)
@@ -192,7 +192,7 @@ class AssertionQueries:
     def point(self) -> Lookup:
         """The head's columns for a question, and the latest row of one timeline that begins by :t."""
         columns = self._columns
-        # no more than each question needs: a column takes a thirtieth of the look-up
+        # only the columns that every question needs: each takes a thirtieth of the look-up
         names = ("last_token", "last_time", "history_from", "domain_version", "last_run")
         head = [_heads[name] for name in names]
         found = [columns.end_time, columns.initial_time, *self._value]
@@ -205,7 +205,7 @@ class AssertionQueries:
 
         def rows(dialect: str) -> Any:
             if dialect == "sqlite":
-                # of the head there is one row: the index has the right order, and a subquery would be copied
+                # there is one head, so the index gives the right order; SQLite would materialise a subquery
                 both = select(*head, *found).select_from(tables.heads.outerjoin(self._table, on_timeline))
                 return both.where(_heads.kb_id == KB).order_by(columns.initial_time.desc()).limit(constant(1))
             latest = select(*found).where(on_timeline).order_by(columns.initial_time.desc()).limit(constant(1))
@@ -224,9 +224,9 @@ class AssertionQueries:
 
     @cached_property
     def live(self) -> Statement:
-        """For each timeline the latest row that begins no later than :t, ended or not, and all that lie ahead of :t.
+        """For each timeline the latest row that begins no later than :t, ended or not, and all rows ahead of :t.
 
-        Those that lie ahead with when they were recorded, and whether they are derived.
+        The rows ahead have the time at which they were recorded, and whether they are derived.
         """
         columns, other = self._columns, self._table.alias("latest").c
         stored = [columns[name] for name in ("timeline_id", "recorded_tx", "seq", "initial_time", "end_time")]
@@ -253,7 +253,7 @@ class AssertionQueries:
         return Statement(rows)
 
     def _scheduled(self, column: Any) -> Any:
-        """A column of what `schedules` has about a row."""
+        """Return a column of a row's row in `schedules`."""
         columns = self._columns
         return (
             select(column)
@@ -286,8 +286,8 @@ class AssertionQueries:
     def history(self) -> Statement:
         """The rows of some timelines from the latest that begins no later than :first on, up to :until.
 
-        Of those that do not count now all that begin before :until: cancelled and superseded ones, and those that ended
-        as they began.
+        With all retired rows that begin before :until: cancelled and superseded ones, and those that ended at the time
+        at which they began.
         """
         columns, other = self._columns, self._table.alias("latest").c
 
@@ -357,7 +357,7 @@ class AssertionQueries:
     def recorded_since(self) -> Statement:
         """A row, if a transaction after :number recorded any."""
         rows = select(constant(1)).where(self._columns.kb_id == KB, self._columns.recorded_tx > parameter("number"))
-        # in their order: otherwise PostgreSQL reads a large table from its beginning until it finds one
+        # sorted: otherwise PostgreSQL reads a large table from its beginning until it finds one
         return Statement(rows.order_by(self._columns.recorded_tx).limit(constant(1)))
 
     @cached_property
@@ -366,7 +366,7 @@ class AssertionQueries:
         columns = self._columns
         rows = select(*self._recorded).where(columns.kb_id == KB, between(columns.recorded_tx))
         if self._table is tables.functions:
-            # what is derived comes by the clock
+            # without derived rows, which come by the clock
             rows = rows.where(sa.func.coalesce(self._scheduled(_schedules.is_derived), sa.false()).is_(False))
         return Statement(rows.order_by(columns.recorded_tx, columns.seq))
 
@@ -374,7 +374,7 @@ class AssertionQueries:
     def ended(self) -> Statement:
         """The rows that the transactions after :after and up to :upto ended, at times from :first to :last.
 
-        Without those of no length. :levels are all on which something is kept that has an end.
+        Without rows of no length. :levels are all levels of rows with an end.
         """
         columns = self._columns
 
@@ -390,7 +390,7 @@ class AssertionQueries:
                 columns.end_time <= parameter("last"),
                 columns.end_time < constant(OPEN),
                 between(columns.ended_tx),
-                # what late knowledge recorded has ended with it, or inherited its end
+                # rows recorded by late knowledge have ended with its transaction, or inherited their end
                 columns.recorded_tx < columns.ended_tx,
             )
 
@@ -441,7 +441,7 @@ class AssertionQueries:
 
     @cached_property
     def delete(self) -> Batch:
-        """Delete what is derived and ahead."""
+        """Delete a derived row that lies ahead."""
         return Batch.deleting(self._table, key=ROW)
 
     @cached_property
@@ -451,12 +451,12 @@ class AssertionQueries:
 
     @cached_property
     def supersede(self) -> Batch:
-        """Leave a row as it was, but for what is known now."""
+        """Supersede a row: it stays as it was, but is not known any more."""
         return self._update("level", "retired_tx")
 
     @cached_property
     def settle(self) -> Batch:
-        """Give a row the end that is derived for it."""
+        """Set the derived end of a row."""
         return self._update("end_time", "level")
 
     # -- parts of statements ------------------------------------------------------------------------------------
@@ -468,11 +468,12 @@ class AssertionQueries:
         return found.with_hint(self._table, f"INDEXED BY ix_{self.table}_{index}", "sqlite")
 
     def _for_each(self, dialect: str, values: Any, columns: Any, index: str | None, *conditions: Any) -> Any:
-        """Rows of the table for each value of an array."""
+        """Select the rows of the table that fulfil conditions, for each value of an array."""
         conditions = (self._columns.kb_id == KB, *conditions)
         if dialect == "sqlite":
             return self._select(columns, index).select_from(values.join(self._table, and_(*conditions)))
-        # while the table is small, PostgreSQL would plan a join that reads all of it, and go on with that plan
+        # OFFSET 0 forces one index scan for each value: for a small table PostgreSQL would plan to read all of it, and
+        # keep that plan when the table has grown
         found = select(*columns).where(*conditions).offset(constant(0)).lateral("found")
         return select(found).select_from(values.join(found, sa.true()))
 

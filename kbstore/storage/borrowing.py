@@ -1,4 +1,4 @@
-"""Writing inside a transaction of the caller's: on its SQLAlchemy connection, between a savepoint and its end."""
+"""Lets kbstore write inside a transaction of the caller's, within a savepoint on its SQLAlchemy connection."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -19,10 +19,10 @@ _LOCK = "UPDATE knowledge_bases SET name = name WHERE false"
 
 @contextmanager
 def savepoint(connection: sa.Connection, options: Options, database: object) -> Iterator[StoreConnection]:
-    """The caller's connection as a `StoreConnection`, which neither commits nor rolls back the caller's transaction.
+    """Use the caller's connection as a `StoreConnection`, which does not end the caller's transaction.
 
-    An exception rolls back to a savepoint. `database` is which the connection must be to, None where that is certain.
-    Raises `StoreUnavailable` where the caller has not begun a transaction in which this can be done, and says how.
+    An exception rolls back to a savepoint. `database` is the database that the connection has to be to; None skips the
+    check. Raises `StoreUnavailable` if the caller has no transaction in which kbstore can write.
     """
     driver: Any = connection.connection.driver_connection
     if connection.dialect.name == "sqlite":
@@ -58,7 +58,7 @@ def _sqlite(driver: Any, options: Options) -> StoreConnection:
     try:
         driver.execute(_LOCK)
     except driver.Error as error:
-        # a snapshot that others have written after cannot become a writer's
+        # SQLite refuses the lock to a transaction whose snapshot is not the latest any more
         raise StoreUnavailable(
             f"{options.store}: the connection's transaction cannot write ({error}, {sqlite_code(error)}); {how}"
         ) from error

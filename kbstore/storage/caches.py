@@ -1,4 +1,4 @@
-"""The one kind of cache that kbstore has, and all that is kept in it.
+"""The one class of caches in kbstore, and a list of all its caches.
 
 =====================  =============================  ========================  =====================================
 what                   key                            bound                     dropped when
@@ -9,20 +9,20 @@ domain versions        version number                 all                       
 prepared questions     domain version and question    50,000                    never wrong: made anew for a version
 past states            valid time                     50,000 assertions         late knowledge reaches their time
 open rows              number of a timeline           50,000                    somebody else writes
-answers about now      question; of one connection,   50,000                    somebody commits to it, or it is told
-                       or while notified                                        of that; a part changes by the clock
+answers about now      question; for a connection,    50,000                    somebody commits, or a notification of
+                       or while notified                                        that arrives; a part changes by the
+                                                                                clock
 parts of the present   which part; the same           50,000 assertions         the same
 answers of a `State`   question                       1,000 of each state       never wrong: a state never changes
 =====================  =============================  ========================  =====================================
 
-When the store goes back, all are emptied. Who began to read before that may still put something in: past states,
+When the store goes back, all are emptied. A thread that began to read before that may still add an entry: past states,
 domain versions and the timelines of prepared questions are marked with the generation in which they were read
-(`Repository.generation`), and are of no use to another.
+(`Repository.generation`), and are ignored in another.
 
-``kbstore.open(cache=False)`` turns all of them off. Beside them there are pure functions behind
-`functools.lru_cache` (labelled values, the nodes of an interval tree, the compiled rules of a domain, the objects
-in a text) and what is worked out once for each symbol of a domain, which goes with the domain; these depend on their
-arguments alone, and are never wrong.
+``kbstore.open(cache=False)`` turns all of them off. Besides them, pure functions are cached by `functools.lru_cache`
+(labelled values, the nodes of an interval tree, the compiled rules of a domain, the objects in a text), and so is what
+is computed once for each symbol of a domain; these depend on their arguments alone, and are never wrong.
 """
 
 from collections.abc import Callable, Iterable
@@ -41,23 +41,23 @@ _Value = TypeVar("_Value")
 
 
 class LRU(dict[_Key, _Value], Generic[_Key, _Value]):
-    """A bounded cache that drops what has been used least recently.
+    """A bounded cache that drops the entries used least recently.
 
-    It has two generations: what is put goes into the younger one, and when that is half of the bound, it becomes the
-    older one, and what was left in the older one is dropped. What is found in the older one moves to the younger. So
-    an entry stays for at least as long as half of the bound is in use beside it, and reading the younger generation
+    It has two generations. New entries go into the younger one; when that has reached half of the bound, it becomes the
+    older one, and the rest of the older one is dropped. An entry found in the older one moves to the younger. So an
+    entry stays at least until entries of half the bound have been used after it, and reading the younger generation
     costs no more than reading a dict: ``cache[key]`` looks in both, and `get` in the younger one alone.
 
-    What is dropped is released little by little, as much as is put, so that Python uses its memory for that. States of
-    1,000 assertions that are released by the dozen would have its garbage collector look through all that are kept,
-    which takes as long as reading them.
+    Dropped entries are released little by little, as new ones come, so that Python reuses their memory. If states of
+    1,000 assertions were released by the dozen, its garbage collector would go through all that are cached, which takes
+    as long as reading them.
 
-    There is no lock: each step is atomic, and what threads do to each other costs an entry, or the exact bound. No
-    value may be None.
+    There is no lock: each step is atomic, and threads that interfere cost an entry, or the exact bound. No value may
+    be None.
 
     Args:
-        bound: how much is kept; an entry that is larger is not kept at all, and with a bound of 0 none is.
-        size: the size of a value; each counts 1 if it is not given.
+        bound: the most that is cached, in sizes of values; a larger value is not cached, and with 0 none is.
+        size: returns the size of a value; each counts 1 if it is not given.
     """
 
     __slots__ = ("_bound", "_dropped", "_older", "_size", "_used")
@@ -71,7 +71,7 @@ class LRU(dict[_Key, _Value], Generic[_Key, _Value]):
         self._dropped: dict[_Key, _Value] = {}
 
     def find(self, key: _Key) -> _Value | None:
-        """The value of a key, None if it is not here (any more)."""
+        """Return the value of a key; None if it is not cached, or not any more."""
         found = self.get(key)
         if found is None and self._older:
             found = self._older.pop(key, None)
@@ -86,7 +86,7 @@ class LRU(dict[_Key, _Value], Generic[_Key, _Value]):
         return found
 
     def put(self, key: _Key, value: _Value) -> None:
-        """Keep a value; what has not been used for a long time makes room for it."""
+        """Cache a value, and drop entries that have not been used for a long time if it needs their room."""
         size = 1 if self._size is None else self._size(value)
         if size > self._bound:
             return
@@ -100,7 +100,7 @@ class LRU(dict[_Key, _Value], Generic[_Key, _Value]):
             self._release(size)
 
     def _release(self, room: int) -> None:
-        """Release of what has been dropped as much as takes some room."""
+        """Release dropped entries of a total size of `room`."""
         while room > 0 and self._dropped:
             try:
                 _, value = self._dropped.popitem()

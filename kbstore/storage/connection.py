@@ -2,7 +2,7 @@
 
 Statements run on the driver's own cursor: a look-up takes 2.6 us there, 44 us as SQLAlchemy's `exec_driver_sql` and
 73 us as a cached `select`, and a question about one fact is one look-up. Opening and migrations run through
-SQLAlchemy, and so does all else on an engine of the caller's at which somebody looks
+SQLAlchemy; so do all statements on an engine of the caller's that has listeners or logging for them
 (`kbstore.storage.statement_events`).
 """
 
@@ -28,17 +28,22 @@ Parameters = Mapping[str, Any]
 LOG = logging.getLogger("kbstore")
 
 LONG_WAIT = 1.0
-"""Seconds of waiting for a lock after which an operator is told."""
+"""Seconds of waiting for a lock after which a warning is logged."""
 
 inherited: list[Any] = []
-"""In a forked child: connections of the parent's that must not even be collected."""
+"""In a forked child: the parent's connections, referred to here so that they are never collected and closed."""
 
 
 class Options(NamedTuple):
     """Settings of the connections of a `Database`.
 
-    `store` is its name in messages, `busy_timeout` in seconds, `durability` "full" or "normal", `schema` PostgreSQL's,
-    `subscription` what is remembered while a server notifies.
+    Attributes:
+        store: the store's name in messages.
+        busy_timeout: seconds to wait for a lock, or for a connection.
+        durability: "full" or "normal".
+        read_only: whether nothing may be written.
+        schema: the PostgreSQL schema of the tables; None: the search path decides.
+        subscription: the answers that are cached while a server sends notifications, if it was asked to.
     """
 
     store: str
@@ -50,9 +55,9 @@ class Options(NamedTuple):
 
 
 class AnswerCache:
-    """Answers about now since the last commit: truths, values, and what else was computed.
+    """Cached answers about now: truths, values, and other values computed from the state.
 
-    It has the token of that commit; None where it is not known.
+    They are as of the commit with the token `token`; None if that is not known.
     """
 
     __slots__ = ("computed", "token", "truths", "values")
@@ -84,9 +89,9 @@ class StoreConnection(ABC):
 
     Attributes:
         driver: the DBAPI connection, in autocommit.
-        handle: what has it from the pool.
+        handle: SQLAlchemy's object for it, by which it is returned to its pool.
         lock: held by the thread that uses it.
-        uses: how many times over that thread does so.
+        uses: how many uses of that thread are nested.
         in_transaction, is_lost: see above.
     """
 
@@ -94,7 +99,7 @@ class StoreConnection(ABC):
     """Whether there is no server that could have gone away."""
 
     file: tuple[int, int] | None = None
-    """Which file it has open (device and inode), where that can be told."""
+    """The file that it has open, by device and inode; None for a server and in memory."""
 
     def __init__(self, driver: Any, options: Options, error: type[Exception], text: Callable[[Statement], str]) -> None:
         """`error` is the root of the driver's errors, `text` gives a statement's SQL."""
@@ -113,14 +118,14 @@ class StoreConnection(ABC):
         self._cursor = driver.cursor
 
     def execute_on(self, executing: Any) -> None:
-        """Execute statements by something else than the driver's connection, with the same methods."""
+        """Execute statements on another object with the methods of the driver's connection."""
         self._executing = executing
         self._execute, self._cursor = executing.execute, executing.cursor
 
     # -- statements -------------------------------------------------------------------------------------------
 
     def all(self, statement: Statement, parameters: Parameters) -> list[SqlRow]:
-        """All rows."""
+        """Return all rows of a statement. Raises `StoreUnavailable`, as all methods do that execute statements."""
         try:
             rows: list[SqlRow] = self._execute(self._text(statement), parameters).fetchall()
         except self._error as error:
@@ -128,7 +133,7 @@ class StoreConnection(ABC):
         return rows
 
     def first(self, statement: Statement, parameters: Parameters) -> SqlRow | None:
-        """The first row, if any."""
+        """Return the first row of a statement; None if there is none."""
         try:
             row: SqlRow | None = self._execute(self._text(statement), parameters).fetchone()
         except self._error as error:
@@ -136,15 +141,15 @@ class StoreConnection(ABC):
         return row
 
     def all_at_first(self, statement: Statement, parameters: Parameters) -> list[SqlRow]:
-        """All rows of a statement; the first of a reading transaction sees the latest commit, and does not begin it."""
+        """Return all rows of a statement, which may run before its reading transaction begins, on the latest commit."""
         return self.all(statement, parameters)
 
     def all_at_once(self, reads: Sequence[tuple[Statement, Parameters]]) -> list[list[SqlRow]]:
-        """All rows of several statements; from a server, in one trip."""
+        """Return all rows of several statements, in one trip to a server."""
         return [self.all(statement, parameters) for statement, parameters in reads]
 
     def lock_head(self, statement: Statement, parameters: Parameters) -> SqlRow | None:
-        """The head's row, for which others may have to be waited for; a long wait is logged."""
+        """Return the head's row, locked; it may have to wait for other writers, and logs a long wait."""
         started = time.monotonic()
         row = self.first(statement, parameters)
         self._log_wait(started)
@@ -152,25 +157,25 @@ class StoreConnection(ABC):
 
     @abstractmethod
     def memory(self, kb: int) -> AnswerCache | None:
-        """The answers about a knowledge base that may be remembered.
+        """Return the cached answers about a knowledge base, which are valid now.
 
-        None within a transaction, and where commits of other connections are not noticed.
+        None within a transaction, and if commits of other connections would not be noticed.
         """
 
     @abstractmethod
     def announce(self, kb: int, number: int) -> None:
-        """Before the commit of a transaction: have those told who listen to its knowledge base."""
+        """Notify the listeners of a knowledge base of a transaction; called before it is committed."""
 
     @abstractmethod
     def look_up(self, statement: Lookup, *parameters: int) -> SqlRow | None:
-        """The first row of a look-up, if any."""
+        """Return the first row of a look-up; None if there is none."""
 
     @abstractmethod
     def stream(self, statement: Statement, parameters: Parameters) -> Iterator[SqlRow]:
-        """The rows one after another, without holding all of them in memory; within a transaction."""
+        """Yield the rows of a statement without holding all of them in memory; within a transaction."""
 
     def run(self, statement: Statement, parameters: Parameters) -> int:
-        """Run a statement that returns no rows; the number of rows that it changed."""
+        """Run a statement that returns no rows, and return the number of rows that it changed."""
         self._refuse_read_only()
         try:
             return int(self._execute(self._text(statement), parameters).rowcount)
@@ -190,22 +195,22 @@ class StoreConnection(ABC):
                 raise self._failure(error) from error
 
     def _refuse_read_only(self) -> None:
-        """Raise where nothing may be written; the database refuses it by itself only within a transaction."""
+        """Raise `StoreUnavailable` if nothing may be written: the database itself refuses only within a transaction."""
         if self.options.read_only:
             raise StoreUnavailable(f"{self.options.store} was opened with read_only=True; open it without to write")
         self._has_written = True
 
     @abstractmethod
     def together(self) -> AbstractContextManager[None]:
-        """Send statements that need no answer to a server at once; what goes wrong with one is raised at the end."""
+        """Send the block's statements, which return nothing, to a server together; raise their errors at the end."""
 
     @abstractmethod
     def array(self, values: Sequence[Any]) -> Any:
-        """An array parameter for a statement with ``EACH`` or ``AMONG``."""
+        """Return an array parameter for a statement with `each` or `among`."""
 
     @abstractmethod
     def bounds(self, values: Sequence[int | None]) -> str:
-        """The same for numbers, as text: to be made once and used by many statements."""
+        """Return an array parameter of numbers as text, to be made once and used by many statements."""
 
     # -- transactions -----------------------------------------------------------------------------------------
 
@@ -220,7 +225,7 @@ class StoreConnection(ABC):
         except self._error as error:
             raise self._failure(error) from error
         except BaseException:
-            # an interrupt, which takes effect when the wait for a lock is over and the transaction has begun
+            # an interrupt takes effect after the wait for a lock, when the transaction has begun
             self.rollback()
             raise
         if write:
@@ -251,7 +256,7 @@ class StoreConnection(ABC):
 
     @abstractmethod
     def _committing(self) -> None:
-        """Do what may not be left out where an interrupt comes just after the commit."""
+        """Do before a commit what must not be missed if an interrupt comes right after it."""
 
     def _committed(self) -> None:
         self.in_transaction = False
@@ -266,7 +271,7 @@ class StoreConnection(ABC):
             if self._must_roll_back():
                 self._execute("ROLLBACK")
         except self._error:
-            # for any reason: a connection that is dropped has no transaction any more
+            # whatever the reason: a dropped connection has no transaction any more
             self.is_lost = True
 
     def _must_roll_back(self) -> bool:
@@ -299,7 +304,7 @@ class StoreConnection(ABC):
         return False
 
     def refuse(self, why: str) -> None:
-        """From here on refuse every statement, so that none takes effect on its own."""
+        """Refuse every statement from here on, so that none takes effect on its own."""
 
         def refuse(*_: object, **__: object) -> Any:
             raise StoreUnavailable(why)
@@ -318,10 +323,13 @@ class StoreConnection(ABC):
 
     @abstractmethod
     def database(self) -> object:
-        """A value that tells two databases apart."""
+        """Return a value that is equal for connections to the same database only."""
 
     def abandon(self, *, close: bool) -> None:
-        """In a forked child: leave the connection to the parent; `close` a file that nobody uses in this process."""
+        """Leave the connection to the parent, in a forked child; with `close`, close its file in this process.
+
+        A file may be closed only if no thread was within SQLite at the fork.
+        """
         self.is_lost = True
         self.refuse("this process was forked with this transaction open, which stays with the parent; begin another")
         if close:

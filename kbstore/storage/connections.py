@@ -1,4 +1,4 @@
-"""Who has which connection: what all kinds have in common, and one for each thread to an SQLite file."""
+"""The connections of a `Database`: what all kinds have in common, and one connection for each thread (SQLite)."""
 
 import os
 import threading
@@ -35,14 +35,14 @@ class Connections(ABC):
         self._local = threading.local()
         self._open: set[StoreConnection] = set()
         self.opening = threading.RLock()
-        """Held where a thread gets its first connection, and during a fork."""
+        """Held while a thread gets its first connection, and during a fork."""
         self._held: list[Any] = []
         self._is_forking = False
         forks.register(self)
 
     @abstractmethod
     def checkout(self) -> StoreConnection:
-        """This thread's connection, to be checked in."""
+        """Return this thread's connection; it has to be checked in."""
 
     @abstractmethod
     def checkin(self, connection: StoreConnection) -> None:
@@ -50,14 +50,14 @@ class Connections(ABC):
 
     @abstractmethod
     def close(self) -> None:
-        """Close what nobody uses, and let nobody check out any more."""
+        """Close the connections that nobody uses, and refuse every checkout from now on."""
 
     def _refuse_closed(self) -> None:
         if self.is_closed:
             raise StoreUnavailable("this knowledge base is closed; open it again with kbstore.open()")
 
     def _wait_for(self, lock: Any) -> None:
-        """Wait for a connection that threads use in turn; for one that is this thread's own, there is no waiting."""
+        """Wait for the lock of a connection. Raises `StoreUnavailable` after `busy_timeout` seconds."""
         if not lock.acquire(timeout=self._options.busy_timeout):
             raise StoreUnavailable(
                 f"{self._options.store} has been used by another thread for more than "
@@ -72,14 +72,14 @@ class Connections(ABC):
             raise self.moved()
 
     def moved(self) -> StoreUnavailable:
-        """The refusal of a file that is another one now."""
+        """Return the error for a path at which there is another file now, or none."""
         return StoreUnavailable(
             f"{self._options.store} has been moved, deleted or replaced since it was opened; put the file back, or "
             "open what is there now with kbstore.open()"
         )
 
     def failure(self, error: Exception) -> StoreUnavailable:
-        """Return the error to raise for one of SQLAlchemy or of the driver, also one of connecting."""
+        """Return the error to raise for an error of SQLAlchemy or of the driver, also of connecting."""
         if isinstance(error, PoolTimeout):
             return StoreUnavailable(
                 f"{self._options.store}: all connections of the pool are in use ({error}); end transactions sooner, "
@@ -95,7 +95,7 @@ class Connections(ABC):
         return [connection.lock for connection in self._open]
 
     def hold(self, deadline: float) -> bool:
-        """Before a fork: keep other threads out of SQLite; False if they don't leave it until a deadline."""
+        """Keep other threads out of SQLite, before a fork; return False if they don't leave it until a deadline."""
 
         def held(lock: Any) -> bool:
             found: bool = lock.acquire(timeout=max(0.0, deadline - time.monotonic()))
@@ -104,29 +104,30 @@ class Connections(ABC):
             return found
 
         if not self._is_sqlite:
-            # a server is spoken to by whoever has the connection
+            # a server's connections have no locks that a child would miss: it leaves them alone
             return True
         self._is_forking = True
         return held(self.opening) and all(map(held, self._locks()))
 
     def let_go(self) -> None:
-        """After a fork: other threads may go on."""
+        """Let other threads go on, after a fork."""
         self._is_forking = False
         while self._held:
             self._held.pop().release()
 
     def forget_parent(self, *, is_quiet: bool) -> bool:
-        """In a forked child: leave the parent's connections, and begin with none.
+        """Leave the parent's connections to the parent, in a forked child, and begin with none.
 
-        Returns whether all files that the parent had open could be closed, which needs a fork that was quiet.
+        Returns whether all files that the parent had open could be closed, which they can if the fork was quiet: no
+        other thread was within SQLite.
         """
-        # rolling back what the parent has written would do so in the log that both have
+        # closing would roll back what the parent has written, in the log that both processes share
         closing = is_quiet and self._is_sqlite and not any(connection.has_unsettled for connection in self._open)
         for connection in self._open:
-            # otherwise the pool would close it when it is collected
+            # otherwise the pool would close it when the handle is collected
             connection.handle.detach()
             connection.abandon(close=closing)
-        # idle connections in a pool: files are closed, too, a server is not spoken to
+        # idle connections in a pool: those to files are closed, too; those to a server stay open for the parent
         if not closing:
             inherited.append(self.engine.pool)
         self.engine.dispose(close=closing)
@@ -141,8 +142,8 @@ class Connections(ABC):
 class ThreadConnections(Connections):
     """The connections of an SQLite engine of kbstore's own: one for each thread, for as long as the thread lives.
 
-    A new thread takes over what a thread that is gone has left, since SQLite reads the whole schema for each connection
-    (5 ms). A store in memory has one connection, which threads use in turn.
+    A new thread takes over the connection of a thread that has ended, since SQLite reads the whole schema for each new
+    connection (5 ms). A store in memory has one connection, which threads use in turn.
     """
 
     def __init__(self, engine: Engine, options: Options) -> None:
@@ -153,16 +154,16 @@ class ThreadConnections(Connections):
         self._is_in_memory = False
 
     def checkout(self) -> SqliteConnection:
-        """This thread's connection, opened where there is none; to be checked in."""
+        """Return this thread's connection, opened if there is none; it has to be checked in."""
         while True:
-            # no calls that are not needed: each takes a hundredth of a question
+            # as few calls as possible: each takes a hundredth of the time of a question
             connection: SqliteConnection | None = (
                 self._one if self._has_one else getattr(self._local, "connection", None)
             )
             if connection is None or self.is_closed:
                 connection = self._connect()
             if self._is_forking and not connection.uses:
-                # after the fork, which would otherwise hardly get hold of what a busy thread takes again and again
+                # wait for the fork, which otherwise might never get the lock that a busy thread takes again and again
                 with self.opening:
                     pass
             # taken by another thread of a store in memory, by a fork, or by `close`
@@ -184,7 +185,7 @@ class ThreadConnections(Connections):
             self._drop(connection)
         connection.lock.release()
         if self.is_closed:
-            # not before: who closes at that very moment would find it locked, and leave it open
+            # only after the release: `close` in another thread may just have found it locked, and left it open
             self._drop_unused(connection)
 
     def _connect(self) -> SqliteConnection:
@@ -202,7 +203,7 @@ class ThreadConnections(Connections):
             return connection
 
     def _opened(self) -> SqliteConnection:
-        """A new connection."""
+        """Open a new connection."""
         try:
             handle = self.engine.raw_connection()
         except DBAPIError as error:
@@ -225,7 +226,7 @@ class ThreadConnections(Connections):
         return connection
 
     def _left_behind(self) -> SqliteConnection | None:
-        """A connection that a thread which is gone has left in good order, if any; the others are closed."""
+        """Return the usable connection of a thread that has ended, if any; other such connections are closed."""
         found: SqliteConnection | None = None
         for connection, thread in list(self._threads.items()):
             if thread.is_alive():
@@ -237,7 +238,7 @@ class ThreadConnections(Connections):
         return found
 
     def _drop_unused(self, connection: StoreConnection) -> bool:
-        """Close a connection that nobody uses; False if somebody does, who is to do so when done."""
+        """Close a connection that nobody uses; return False if a thread uses it, which closes it afterwards."""
         if not connection.lock.acquire(blocking=False):
             return False
         try:
@@ -272,7 +273,7 @@ class ThreadConnections(Connections):
             self.engine.dispose()
 
     def forget_parent(self, *, is_quiet: bool) -> bool:
-        """In a forked child: leave the parent's connections, and begin with none; what is in memory is a copy."""
+        """Leave the parent's connections to the parent, in a forked child; a store in memory is copied by the fork."""
         if not self._is_in_memory:
             self._one = None
             self._threads = {}

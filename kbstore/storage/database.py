@@ -67,16 +67,16 @@ class Database:
         self.failure = self._connections.failure
 
     def listen(self, kb: int) -> None:
-        """Have the answers about a knowledge base remembered where notifications are asked for, and needed for that.
+        """Cache answers about a knowledge base on a server while it notifies, if notifications were asked for.
 
-        Raises `StoreUnavailable` where the server cannot be listened to.
+        Raises `StoreUnavailable` if the server cannot be listened to.
         """
         if self._notifies and isinstance(self._connections, ServerConnections):
             self._connections.subscribe(kb)
             self.can_remember = True
 
     def forget_answers(self) -> None:
-        """Forget what is remembered while notifications arrive: the store has gone back."""
+        """Forget the answers cached by notifications, as the store has gone back."""
         if isinstance(self._connections, ServerConnections):
             self._connections.forget_answers()
 
@@ -87,21 +87,21 @@ class Database:
             ensure(self.engine, read_only=read_only, schema=self.schema)
 
     def connect(self) -> "_Checkout":
-        """A connection for single statements, each on the latest commit."""
+        """Return a context manager of a connection for single statements, each on the latest commit."""
         return _Checkout(self)
 
     def first(self, statement: Statement, parameters: Parameters) -> SqlRow | None:
-        """The first row of one statement on its own."""
+        """Return the first row of one statement on its own; None if there is none."""
         with self.connect() as connection:
             return connection.first(statement, parameters)
 
     def read(self) -> "_Snapshot":
-        """A connection on one snapshot of the store; within a transaction of this thread, that transaction's."""
+        """Return a context manager of a connection on one snapshot; in a transaction of this thread, on that."""
         return _Snapshot(self)
 
     @contextmanager
     def begin(self, borrowed: sa.Connection | None = None) -> Iterator[StoreConnection]:
-        """A connection with a write transaction: committed at the end, rolled back after an exception.
+        """Begin a write transaction on a connection; it is committed at the end, rolled back after an exception.
 
         On a `borrowed` connection it is a savepoint in the caller's transaction, which the caller ends.
         """
@@ -113,7 +113,7 @@ class Database:
             connection.begin(write=True)
             try:
                 if isinstance(connection, SqliteConnection) and connection.has_moved():
-                    # what is written would go to a file that nobody finds any more; SQLite would not notice
+                    # SQLite would not notice, and write to a file that nobody finds any more
                     raise self._connections.moved()
                 yield connection
                 connection.commit()

@@ -1,4 +1,4 @@
-"""The drivers' errors, as `StoreUnavailable` that says what happened and what to do."""
+"""Translates the drivers' errors to `StoreUnavailable`, with what happened and what to do."""
 
 import sqlite3
 from typing import Final
@@ -8,7 +8,7 @@ from kbstore.errors import StoreUnavailable
 _LOCKED: Final = (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED, sqlite3.SQLITE_PROTOCOL)
 _DAMAGED: Final = (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB)
 LASTING: Final = (*_DAMAGED, sqlite3.SQLITE_IOERR, sqlite3.SQLITE_CANTOPEN, sqlite3.SQLITE_PROTOCOL)
-"""SQLite's errors after which a new connection has better chances than the old one."""
+"""SQLite's errors after which a connection is replaced by a new one."""
 
 _LOCK_NOT_AVAILABLE: Final = "55P03"
 """PostgreSQL's error when `lock_timeout` is over."""
@@ -19,7 +19,7 @@ _PREPARED_ELSEWHERE: Final = ("26000", "42P05")
 
 def unavailable(error: BaseException, store: str, busy_timeout: float) -> StoreUnavailable:
     """Return the error to raise for one of a driver: what happened, in which store, and what to do."""
-    # PostgreSQL's have several lines
+    # PostgreSQL's messages have several lines
     reason = " ".join(str(error).split()) or type(error).__name__
     code = sqlite_code(error)
     if code in _LOCKED or getattr(error, "sqlstate", None) == _LOCK_NOT_AVAILABLE:
@@ -42,6 +42,6 @@ def unavailable(error: BaseException, store: str, busy_timeout: float) -> StoreU
 
 
 def sqlite_code(error: BaseException) -> int:
-    """SQLite's primary result code; 0 for other errors."""
+    """Return SQLite's primary result code of an error; 0 for other errors."""
     extended: int = getattr(error, "sqlite_errorcode", 0)
     return extended & 0xFF

@@ -1,4 +1,4 @@
-"""SQLAlchemy engines for the stores that kbstore can be kept in."""
+"""Makes SQLAlchemy engines for the URLs of stores."""
 
 import os
 from pathlib import Path
@@ -17,11 +17,11 @@ BUSY_TIMEOUT = 30.0
 
 
 def make_engine(url: str | os.PathLike[str] | URL, *, busy_timeout: float = BUSY_TIMEOUT) -> Engine:
-    """An engine for a SQLAlchemy URL, or for the path of an SQLite file.
+    """Return an engine for a SQLAlchemy URL, or for the path of an SQLite file.
 
-    A `Database` keeps its connections itself; the pool only hands it the one by which the schema of a file was checked,
-    as SQLite takes 5 ms to read the schema on a new one. `kbstore.storage.server_engine` has the parameters of
-    a server's URL that are kbstore's own.
+    A `Database` has its own pools; the engine's pool only hands it the connection by which the schema of a file was
+    checked, as SQLite takes 5 ms to read the schema on a new one. `kbstore.storage.server_engine` has kbstore's own
+    parameters of a server's URL. Raises `StoreUnavailable` for a backend or driver that cannot be used.
     """
     parsed = parsed_url(url)
     refuse_others(parsed.get_backend_name())
@@ -41,7 +41,7 @@ def make_engine(url: str | os.PathLike[str] | URL, *, busy_timeout: float = BUSY
 
 
 def parsed_url(url: str | os.PathLike[str] | URL) -> URL:
-    """The URL of a store that is given as a URL, or as the path of an SQLite file."""
+    """Return the URL of a store that is given as a URL, or as the path of an SQLite file."""
     if isinstance(url, URL):
         parsed = url
     else:
@@ -56,7 +56,7 @@ def parsed_url(url: str | os.PathLike[str] | URL) -> URL:
 
 
 def refuse_schema(url: URL, schema: str | None) -> None:
-    """Raise for a schema in a database that has none."""
+    """Raise `StoreUnavailable` for a schema in a database that is not PostgreSQL."""
     if schema is not None and url.get_backend_name() != "postgresql":
         shown = url.render_as_string(hide_password=True)
         raise StoreUnavailable(f"schemas are PostgreSQL's; {shown} can't have the schema {schema!r}")
@@ -72,6 +72,6 @@ def schema_of(url: URL, schema: str | None) -> str | None:
 
 
 def refuse_others(backend: str) -> None:
-    """Raise for a backend that kbstore has no SQL for."""
+    """Raise `StoreUnavailable` for a backend that kbstore has no SQL for."""
     if backend not in ("sqlite", "postgresql"):
         raise StoreUnavailable(f"kbstore keeps its store in SQLite or PostgreSQL, not in {backend}")

@@ -1,14 +1,14 @@
 """Forks: a child process opens its own connections, and leaves its parent's alone.
 
-It must not even keep those of SQLite, which remembers the locks on a file per process, in memory that a fork copies,
-and locks that it does not. A connection opened next to an inherited one assumes that the process already holds its
+Connections to SQLite must not even stay open. SQLite records per process which locks on a file it holds; a fork copies
+this record, but not the locks. A connection opened next to an inherited one assumes that the process already holds its
 locks; when the parent closes its own, it thinks it is the last user and deletes the log that the child writes to (see
 section 2.6 of https://www.sqlite.org/howtocorrupt.html). So a child first of all closes the files that it inherits.
 
-A connection can be closed only if no other thread of the parent was within SQLite at the fork: that thread is gone in
-the child, with the mutexes that it held. So a fork waits until other threads have left SQLite: no time at all if none
-is in it, and `PATIENCE` at most. The parent does not wait for the child: to others in the file, the child's closing
-looks like that of any process that has it open and idle.
+A connection can be closed only if no other thread of the parent was within SQLite at the fork: in the child that thread
+does not exist any more, but the mutexes that it held are still locked. So a fork waits until other threads have left
+SQLite: no time at all if none is in it, and `PATIENCE` at most. The parent does not wait for the child: to other
+processes, the child's closing looks like that of any process that has the file open and idle.
 """
 
 import os
@@ -20,20 +20,20 @@ from typing import Protocol
 from kbstore.errors import StoreUnavailable
 
 PATIENCE = 1.0
-"""Seconds that a fork waits for what other threads do in SQLite, before it goes on without."""
+"""Seconds that a fork waits for other threads to leave SQLite, before it goes on regardless."""
 
 
 class Connections(Protocol):
-    """The connections to one database, as a fork has to do with them."""
+    """The connections to one database, by what a fork does with them."""
 
     def hold(self, deadline: float) -> bool:
-        """Before a fork: keep other threads out of SQLite; False if they don't leave it until a deadline."""
+        """Keep other threads out of SQLite, before a fork; return False if they don't leave it until a deadline."""
 
     def let_go(self) -> None:
-        """After a fork, in the parent: other threads may go on."""
+        """Let other threads go on, in the parent, after a fork."""
 
     def forget_parent(self, *, is_quiet: bool) -> bool:
-        """In the child: leave the parent's connections; False if files that the parent has open could not be closed."""
+        """Leave the parent's connections, in the child; return False if inherited files could not be closed."""
 
 
 _databases: "weakref.WeakSet[Connections]" = weakref.WeakSet()
@@ -48,12 +48,12 @@ class _Fork:
 
 
 def register(database: Connections) -> None:
-    """Take care of a database's connections when the process forks."""
+    """Register a database's connections, to be prepared when the process forks."""
     _databases.add(database)
 
 
 def refuse_unsafe() -> None:
-    """Raise in a process that was forked while another thread was within SQLite."""
+    """Raise `StoreUnavailable` in a process that was forked while another thread was within SQLite."""
     if _Fork.is_unsafe:
         raise StoreUnavailable(
             "this process was forked while its parent was within an SQLite store, so that none can be used safely "

@@ -1,4 +1,4 @@
-"""Per-process memory of a knowledge base, and the check whether its store has gone back.
+"""The per-process memory of a knowledge base, and the check whether its store has gone back.
 
 A store goes back when a backup is restored over it, when an asynchronous standby takes over, or when its file is
 copied back. From then on numbers of timelines, of versions and of transactions may mean something else. Each
@@ -27,23 +27,23 @@ class Mark(NamedTuple):
 
 
 class TimelineCache:
-    """The timelines that this process has seen: they never change, so a row needs only their number."""
+    """The timelines that this process has seen; they never change, so rows are read with their numbers alone."""
 
     def __init__(self, bound: int = TIMELINES) -> None:
         self.by_id: LRU[int, Timeline] = LRU(bound)
         self.by_key: dict[tuple[Role, KnowledgeType], LRU[str, Timeline]] = defaultdict(lambda: LRU(bound))
 
     def put(self, timeline: Timeline) -> None:
-        """Remember a timeline that is committed."""
+        """Cache a timeline that is committed."""
         self.by_id.put(timeline.id, timeline)
         self.by_key[timeline.role, timeline.kind].put(timeline.key, timeline)
 
 
 class OpenRows:
-    """The rows that a writer read or wrote lately and that are open, one on its timeline, as of one transaction.
+    """The open rows that a writer read or wrote lately, at most one for each timeline, as of one transaction.
 
-    A sensor replaces the same values again and again; what it would read each time is what it has just written. They
-    are of use to the writer who locks the head of that very transaction, and to no other.
+    A sensor replaces the same values again and again, and would read each time what it has just written. The rows are
+    valid only for a writer that has locked the head of that very transaction.
     """
 
     def __init__(self, bound: int) -> None:
@@ -52,7 +52,7 @@ class OpenRows:
         self._lock = threading.Lock()
 
     def of(self, token: int, ids: Iterable[int]) -> dict[int, StoredAssertion]:
-        """The rows that are known as of the transaction with a token, by timeline."""
+        """Return the cached rows as of the transaction with a token, by timeline."""
         with self._lock:
             if token != self._token:
                 self._rows.clear()
@@ -60,15 +60,15 @@ class OpenRows:
             return {id: row for id in ids if (row := self._rows.find(id)) is not None}
 
     def put(self, token: int, rows: Mapping[int, StoredAssertion]) -> None:
-        """Remember rows that were read as of the transaction with a token."""
+        """Cache rows that were read as of the transaction with a token."""
         self.follow(token, token, (), rows)
 
     def follow(self, before: int, token: int, gone: Iterable[int], rows: Mapping[int, StoredAssertion]) -> None:
-        """Go on from a transaction to one that followed it, and left these rows, and others on the timelines `gone`."""
+        """Go on to the transaction `token`, which followed `before`, wrote `rows`, and changed the timelines `gone`."""
         with self._lock:
-            # another thread may have gone further: what it knows is as of its own transaction
+            # if another thread has gone further, its rows are as of its own transaction
             if before == self._token:
-                # an interrupt half-way leaves rows of no transaction
+                # so that an interrupt half-way leaves the rows without a transaction, and unused
                 self._token = None
                 self._rows.drop(gone)
                 for id, row in rows.items():
@@ -81,7 +81,7 @@ class Progress:
 
     Attributes:
         seen: the last transaction that has been seen.
-        acknowledged: the last of this process's own.
+        acknowledged: the last transaction that this process committed.
         present: which kinds of rows there were then, as in `Head`.
         has_more: whether a state has schedules or runs, besides assertions.
         returns: how often the store has gone back.
@@ -119,7 +119,7 @@ class StoreMemory:
         self.progress.forgetting.append(self._forget_timelines)
 
     def gone(self) -> StoreWentBack:
-        """The error for a knowledge base that is not in the store any more; from now on it is refused."""
+        """Return the error for a knowledge base that is not in the store any more, and refuse it from now on."""
         self.progress.is_gone = True
         number = self.progress.seen.number
         return StoreWentBack(
@@ -128,7 +128,7 @@ class StoreMemory:
         )
 
     def when_gone_back(self, forget: Callable[[], None]) -> None:
-        """Have something called whenever the store has gone back."""
+        """Register a function to be called whenever the store has gone back."""
         self.progress.forgetting.append(forget)
 
     def acknowledge(self, head: Head, timelines: Iterable[Timeline]) -> None:
@@ -180,7 +180,7 @@ class StoreMemory:
 
 
 def went_back(name: str, known: int, now: int) -> StoreWentBack:
-    """The error for a store that was at the transaction `known`, and is now at the transaction `now`."""
+    """Return the error for a store that was at the transaction `known`, and is now at the transaction `now`."""
     where = f"has another transaction {known}" if now == known else f"is at transaction {now}"
     return StoreWentBack(
         f"the store has gone back: {name} was at transaction {known}, and {where}; a backup was restored, or a "
