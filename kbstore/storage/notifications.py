@@ -1,15 +1,15 @@
-"""Notifications: a server tells a process of each commit, which answers questions about now from memory until then.
+"""Notifications: a server notifies a process of each commit; until then, answers about now are cached.
 
-LISTEN needs a session of the server's own, so there is one more connection for each pool, with a thread that waits on
-it. Writers notify only where somebody listens, as NOTIFY takes a lock of the whole database at the commit: who listens
-to a knowledge base holds an advisory lock on it, shared, and a writer that gets it alone, for its transaction and with
-the head, need not notify. Who listens trusts its memory only from the moment on at which it has that lock: by then a
-writer that does not notify has committed. The lock goes when the connection goes.
+LISTEN needs a session of its own on the server, so each pool has one more connection, with a thread that waits on it.
+Writers notify only if somebody listens, as NOTIFY takes a lock of the whole database at the commit. A listener to a
+knowledge base holds a shared advisory lock on it; a writer that gets this lock exclusively, for its transaction and
+together with the head, need not notify. A listener trusts its cache only once it has the lock: by then every writer
+that does not notify has committed. The lock is released with the connection.
 
-What this process commits makes it forget at once, and what others commit when their notifications arrive. A transaction
-of the caller's is waited for, as nobody says when it is committed: until its notification arrives, nothing is
-remembered. Against what never notifies (a restore within the tables, a network that is cut), everything is forgotten
-every `HEARTBEAT` seconds, and nothing is trusted when the server has not answered for `TRUST` seconds.
+A commit of this process clears the cache at once, a commit of another process when its notification arrives. Nobody
+reports when a transaction of the caller's is committed: nothing is cached until its notification arrives. In case no
+notification ever comes (a restore within the tables, a network that is cut), the cache is cleared every `HEARTBEAT`
+seconds, and is not used when the server has not answered for `TRUST` seconds.
 """
 
 import selectors
@@ -26,53 +26,53 @@ from kbstore.errors import StoreUnavailable, one_line
 from kbstore.storage.connection import LOG, AnswerCache, inherited
 
 HEARTBEAT = 5.0
-"""In seconds: the longest for which an answer is remembered."""
+"""The most seconds for which an answer is cached."""
 
 TRUST = 2 * HEARTBEAT
 """Seconds for which notifications are relied on after the server's last answer."""
 
 _LOCK = 0x6B62
-"""The class of the advisory locks of who listens: "kb" in ASCII."""
+"""The class of the listeners' advisory locks: "kb" in ASCII."""
 
 _AGAIN = 0.05
-"""Seconds until a lock that a writer has is tried again."""
+"""Seconds until a lock that a writer holds is tried again."""
 
 _PAUSE = 1.0
-"""Seconds until a connection that was lost is made again."""
+"""Seconds until a lost connection is replaced."""
 
 ANNOUNCE = "SELECT CAST(pg_notify(%(channel)s, %(number)s) AS text)"
-"""Notify of a transaction."""
+"""The statement that notifies of a transaction."""
 
 _SESSION = "SELECT pg_backend_pid(), pg_is_in_recovery(), EXISTS (SELECT FROM pg_extension WHERE extname = 'citus')"
 
 _guard = threading.Lock()
-"""Held for a moment by who changes what is subscribed or trusted, in all pools of the process."""
+"""Held for a moment to change subscriptions, or what they cache, in all pools of the process."""
 
 _subscriptions: dict[int, tuple["Subscription", ...]] = {}
-"""Those of the process, by knowledge base; their numbers are random, and as good as unique among databases."""
+"""The subscriptions of the process, by knowledge base, whose numbers are random and so hardly ever equal."""
 
 
 def hears_nobody(kb: Any) -> Any:
-    """In a writer's statement: whether nobody listens to a knowledge base, and will until the transaction ends."""
+    """Return the expression, for a writer's statement, whether nobody listens, or will until the transaction ends."""
     return sa.func.pg_try_advisory_xact_lock(sa.literal_column(str(_LOCK)), kb)
 
 
 def channel(kb: int) -> str:
-    """The channel of a knowledge base."""
+    """Return the name of a knowledge base's channel."""
     return f"kbstore_{kb}"
 
 
 def committed(kb: int, number: int) -> None:
-    """Forget what was right before a transaction of this process."""
-    _tell(kb, lambda subscription: subscription.arrived(number))
+    """Clear the cached answers after a transaction of this process."""
+    _for_each_subscription(kb, lambda subscription: subscription.arrived(number))
 
 
 def expect(kb: int, number: int) -> None:
-    """Remember nothing until a transaction that the caller is to commit has been notified of."""
-    _tell(kb, lambda subscription: subscription.expect(number))
+    """Cache nothing until the notification of a transaction arrives, which the caller is to commit."""
+    _for_each_subscription(kb, lambda subscription: subscription.expect(number))
 
 
-def _tell(kb: int, what: Callable[["Subscription"], None]) -> None:
+def _for_each_subscription(kb: int, what: Callable[["Subscription"], None]) -> None:
     if kb in _subscriptions:
         with _guard:
             for subscription in _subscriptions.get(kb, ()):
@@ -80,8 +80,8 @@ def _tell(kb: int, what: Callable[["Subscription"], None]) -> None:
 
 
 def refuse_shared(driver: Any, store: str) -> None:
-    """Raise `StoreUnavailable` where a connection cannot listen: through a pooler, to a standby, to Citus."""
-    # a pooler makes its own number up, or hands on that of the session that it had first
+    """Raise `StoreUnavailable` if a connection cannot listen: through a pooler, to a standby, to Citus."""
+    # the process number of a pooler's client is made up, or that of the session that it had first: asked twice
     for _ in range(2):
         pid, is_standby, is_distributed = driver.execute(_SESSION).fetchone()
         if pid != driver.info.backend_pid:
@@ -99,7 +99,7 @@ def refuse_shared(driver: Any, store: str) -> None:
 
 
 class Subscription:
-    """The answers about now of one opened knowledge base, for as long as they are known to be right."""
+    """The cached answers about now of one opened knowledge base, while they are known to be valid."""
 
     def __init__(self, listener: "Listener", kb: int) -> None:
         self._kb = kb
@@ -126,7 +126,7 @@ class Subscription:
         self._listener.wake()
 
     def answers(self) -> AnswerCache | None:
-        """Return the answers that are remembered; None where nothing may be."""
+        """Return the cache of answers; None while nothing may be cached."""
         answers = self._answers
         if answers is not None and time.monotonic() < self._listener.trusted_until:
             return answers
@@ -134,11 +134,11 @@ class Subscription:
         return None
 
     def belongs_to(self, listener: "Listener") -> bool:
-        """Return whether a listener has it."""
+        """Return whether the subscription is a listener's."""
         return self._listener is listener
 
     def drop(self) -> None:
-        """Forget everything, and go on remembering."""
+        """Clear the cache, and go on caching."""
         with _guard:
             self._latest = 0
             if self._answers is not None:
@@ -147,24 +147,24 @@ class Subscription:
     # -- with `_guard` held ---------------------------------------------------------------------------------------
 
     def expect(self, number: int) -> None:
-        """Remember nothing until a transaction arrives, or for a while, as it may be rolled back."""
+        """Cache nothing until a transaction arrives; or for `HEARTBEAT` seconds, as it may be rolled back."""
         self._awaited, self._answers = number, None
         self._patient_until = time.monotonic() + HEARTBEAT
 
     def arrived(self, number: int) -> None:
-        """Forget what was right before a transaction that has been committed; of an own one for the first time only."""
+        """Clear the cache after a commit. A transaction of this process arrives twice, and counts once."""
         if number != self._latest and number >= self._awaited:
             self._latest, self._awaited = number, 0
             self._answers = AnswerCache() if self._listener.hears(self._kb) else None
 
     def renew(self) -> None:
-        """Forget everything, and remember from now on, unless a transaction is still waited for."""
+        """Clear the cache, and cache from now on, unless a transaction is still waited for."""
         if not self._awaited or time.monotonic() >= self._patient_until:
             self._awaited = 0
             self._answers = AnswerCache()
 
     def forget(self) -> None:
-        """Remember nothing from now on."""
+        """Clear the cache, and cache nothing from now on."""
         self._answers = None
 
 
@@ -181,10 +181,10 @@ class Listener:
         self._waker: socket.socket | None = None
         self._driver: Any = None
         self._held: set[int] = set()
-        """The knowledge bases of which the lock is held."""
+        """The knowledge bases whose lock is held."""
 
     def ensure(self) -> None:
-        """Start the thread if it does not run; after a fork it does not."""
+        """Start the thread if it does not run, as after a fork."""
         if self._thread is None:
             with _guard:
                 if self._thread is None and self._wanted():
@@ -195,7 +195,7 @@ class Listener:
                     self._thread.start()
 
     def wake(self) -> None:
-        """Have the thread look at what is subscribed; wait a moment for its end where nothing is any more."""
+        """Have the thread look at the subscriptions; if there are none left, wait a moment for its end."""
         self.ensure()
         thread, waker = self._thread, self._waker
         if thread is None or waker is None:
@@ -207,7 +207,7 @@ class Listener:
             thread.join(_PAUSE)
 
     def forget_parent(self) -> None:
-        """In a forked child: leave the connection to the parent; the thread is started again when it is needed."""
+        """Leave the connection to the parent, in a forked child; the thread is started again when it is needed."""
         global _guard  # noqa: PLW0603 - a thread of the parent may have held it
         _guard = threading.Lock()
         inherited.append(self._driver)
@@ -215,7 +215,7 @@ class Listener:
         self._forget()
 
     def hears(self, kb: int) -> bool:
-        """Return whether whoever commits to a knowledge base notifies this listener."""
+        """Return whether every writer of a knowledge base notifies this listener."""
         return kb in self._held
 
     def _wanted(self) -> set[int]:
@@ -262,9 +262,9 @@ class Listener:
                     _wait(_PAUSE, woken)
 
     def _listen(self, driver: Any, woken: socket.socket) -> None:
-        """Listen to what is subscribed, until nothing is any more."""
+        """Listen to all knowledge bases with subscriptions, until there are none."""
         held = self._held = set()
-        # what arrives together with the answer to a statement
+        # for notifications that arrive together with the answer to a statement
         driver.add_notify_handler(lambda found: self._arrived(found.channel, found.payload))
         next_beat = 0.0
         while wanted := self._wanted():
@@ -293,7 +293,7 @@ class Listener:
 
     def _arrived(self, name: str, payload: str) -> None:
         kb = name.rpartition("_")[2]
-        # anybody may notify
+        # anybody may notify on the channel, with any text
         if kb.isdecimal() and payload.isdecimal():
             number = int(payload)
             self._each({int(kb)}, lambda subscription: subscription.arrived(number))
@@ -301,7 +301,7 @@ class Listener:
 
 def _wait(seconds: float, woken: socket.socket, *others: Any) -> bool:
     """Wait until something can be read, or for some seconds; return whether the thread was woken."""
-    # not `select.select`, which takes no file with a number from 1024 on
+    # not `select.select`, which takes no file descriptors from 1024 on
     with selectors.DefaultSelector() as selector:
         for file in (woken, *others):
             selector.register(file, selectors.EVENT_READ)

@@ -1,4 +1,4 @@
-"""Connections for one operation each, from a pool: of a PostgreSQL server's, or of an engine of the caller's."""
+"""Pooled connections, one for each operation: to a PostgreSQL server, or on an engine of the caller's."""
 
 import os
 import threading
@@ -35,7 +35,7 @@ class PooledConnections(Connections):
     """One connection for each operation; a thread has at most one at a time, also for operations within operations."""
 
     def checkout(self) -> StoreConnection:
-        """A connection from the pool, or the one that this thread has already; to be checked in."""
+        """Return a connection from the pool, or the one that this thread has already; it has to be checked in."""
         connection: StoreConnection | None = getattr(self._local, "connection", None)
         if connection is None:
             self._refuse_closed()
@@ -49,7 +49,7 @@ class PooledConnections(Connections):
     def checkin(self, connection: StoreConnection) -> None:
         """End a use of a connection; after the last it goes back to the pool."""
         connection.uses -= 1
-        # in a forked child, one of the parent's belongs to nobody
+        # not one of the parent's, in a forked child
         if not connection.uses and connection in self._open:
             self._open.remove(connection)
             self._local.connection = None
@@ -57,7 +57,7 @@ class PooledConnections(Connections):
 
     @abstractmethod
     def _take(self) -> StoreConnection:
-        """A connection from the pool."""
+        """Take a connection from the pool."""
 
     @abstractmethod
     def _return(self, connection: StoreConnection) -> None:
@@ -72,7 +72,7 @@ class ServerConnections(PooledConnections):
         self._pool = pool
 
     def subscribe(self, kb: int) -> None:
-        """Have answers about now remembered, while the server notifies; `StoreUnavailable` where it cannot."""
+        """Cache answers about now while the server notifies. Raises `StoreUnavailable` if it cannot."""
         connection = self.checkout()
         try:
             refuse_shared(connection.driver, self._options.store)
@@ -85,7 +85,7 @@ class ServerConnections(PooledConnections):
         subscription.begin()
 
     def forget_answers(self) -> None:
-        """Forget the answers that are remembered."""
+        """Clear the cached answers."""
         if self._options.subscription is not None:
             self._options.subscription.drop()
 
@@ -93,7 +93,7 @@ class ServerConnections(PooledConnections):
         try:
             return self._pool.get(self._options)
         except (DBAPIError, self.engine.dialect.loaded_dbapi.Error) as error:
-            # of a connection that kbstore makes itself, SQLAlchemy does not wrap what goes wrong
+            # SQLAlchemy does not wrap the driver's errors from kbstore's own function that connects
             raise self.failure(error) from error
 
     def _return(self, connection: StoreConnection) -> None:
@@ -101,7 +101,7 @@ class ServerConnections(PooledConnections):
         self._pool.put(connection)
 
     def close(self) -> None:
-        """Let nobody check out any more; the last user of the pool closes it."""
+        """Refuse every checkout from now on; the last user of the pool closes it."""
         with self.opening:
             if self.is_closed:
                 return
@@ -111,7 +111,7 @@ class ServerConnections(PooledConnections):
         self._pool.release()
 
     def forget_parent(self, *, is_quiet: bool) -> bool:
-        """In a forked child: never speak to the server on the parent's connections."""
+        """Leave the parent's connections to the parent, in a forked child, without a word to the server."""
         self._pool.forget_parent()
         super().forget_parent(is_quiet=is_quiet)
         return True
@@ -120,8 +120,8 @@ class ServerConnections(PooledConnections):
 class ServerPool:
     """At most `size` connections to a server, in autocommit, shared by all knowledge bases and threads of a process.
 
-    The latest that came back is taken first, so that no more are open than are used. A check-out of SQLAlchemy's
-    QueuePool takes 20 us, this one 3, and a question about one fact 60.
+    The connection returned last is taken first, so that no more are opened than are used at a time. A checkout takes
+    3 us, and 20 us from SQLAlchemy's QueuePool, where a question about one fact takes 60.
     """
 
     _lock = threading.Lock()
@@ -139,7 +139,7 @@ class ServerPool:
 
     @classmethod
     def shared(cls, url: URL, busy_timeout: float) -> "ServerPool":
-        """The pool of this process for a URL; to be released."""
+        """Return the pool of this process for a URL; it has to be released."""
         key = url.render_as_string(hide_password=False), connect_timeout(busy_timeout)
         with ServerPool._lock:
             pool = cls._shared.get(key)
@@ -149,7 +149,7 @@ class ServerPool:
         return pool
 
     def release(self) -> None:
-        """The counterpart of `shared`."""
+        """Give up a use of the pool; the last one closes it. The counterpart of `shared`."""
         with ServerPool._lock:
             self._users -= 1
             if self._users:
@@ -159,7 +159,7 @@ class ServerPool:
         self._close_idle()
 
     def get(self, options: Options) -> PostgresqlConnection:
-        """A connection for one user. Raises `StoreUnavailable` where all are in use for longer than `busy_timeout`."""
+        """Return a connection for one user. Raises `StoreUnavailable` if all are in use for over `busy_timeout` s."""
         if not self._room.acquire(timeout=options.busy_timeout):
             raise StoreUnavailable(
                 f"{options.store}: all {self._size} connections of this process have been in use for more than "
@@ -186,7 +186,7 @@ class ServerPool:
         return connection
 
     def _connect_alone(self) -> Any:
-        """A driver's connection that the pool does not have."""
+        """Return a new connection of the driver's, outside of the pool."""
         handle: Any = self.engine.raw_connection()
         driver = handle.driver_connection
         handle.detach()
@@ -194,7 +194,7 @@ class ServerPool:
         return driver
 
     def put(self, connection: PostgresqlConnection) -> None:
-        """Take a connection back."""
+        """Return a connection to the pool, or close it if it is lost."""
         if connection.is_lost:
             connection.handle.invalidate()
         else:
@@ -212,7 +212,7 @@ class ServerPool:
                 return
 
     def forget_parent(self) -> None:
-        """In a forked child: begin with no connection; those of the parent must not even be collected."""
+        """Begin with no connection, in a forked child; the parent's must not even be collected."""
         ServerPool._lock = threading.Lock()
         inherited.extend(self._idle)
         self._idle = []
@@ -221,9 +221,9 @@ class ServerPool:
 
 
 class LentConnections(PooledConnections):
-    """The connections of one `Database` on an engine of the caller's; each is returned as it came.
+    """The connections of one `Database` on an engine of the caller's; each is returned with the settings that it had.
 
-    A pool that has one connection for all threads (`StaticPool`) is used in turn.
+    If the pool has one connection for all threads (`StaticPool`), threads use it in turn.
     """
 
     def __init__(self, engine: Engine, options: Options) -> None:
@@ -246,7 +246,7 @@ class LentConnections(PooledConnections):
             raise
 
     def _new_lock(self) -> Any:
-        """The lock of a thread that comes here for the first time; held while it is within the database."""
+        """Make the lock of this thread, which it holds while it uses the database."""
         with self.opening:
             lock = self._local.lock = threading.RLock()
             self._thread_locks.add(lock)
@@ -280,7 +280,10 @@ class LentConnections(PooledConnections):
         return connection
 
     def _refuse_shared_transaction(self) -> None:
-        """Raise where the caller has a transaction under way on the pool's one connection, which would be ended."""
+        """Raise `StoreUnavailable` if the caller has a transaction open on the pool's one connection.
+
+        kbstore would end it.
+        """
         if self._turn is None or not self._is_sqlite:
             return
         pool: Any = self.engine.pool
@@ -331,7 +334,7 @@ class LentConnections(PooledConnections):
         connection.handle.close()
 
     def close(self) -> None:
-        """Let nobody check out any more; the engine and its connections are the caller's."""
+        """Refuse every checkout from now on; the engine and its connections are the caller's."""
         self.is_closed = True
 
     def _locks(self) -> list[Any]:

@@ -1,8 +1,8 @@
-"""A connection to a PostgreSQL server: settings that last for a transaction, so that a pooler may share it.
+"""A connection to a PostgreSQL server, with settings for each transaction, so that it may go through a pooler.
 
-Nothing is set for the session. Behind a pooler in transaction mode the next transaction runs on another server
-connection, and what was set on this one would reach other clients. For the same reason the tables of a store that has
-a schema of its own are named with it, instead of setting a search path.
+Nothing is set for the session: behind a pooler in transaction mode the next transaction runs in another session, and
+settings of this one would reach other clients. For the same reason the tables of a store with a schema of its own are
+qualified with it, instead of setting a search path.
 """
 
 import json
@@ -26,15 +26,15 @@ _READING = "BEGIN ISOLATION LEVEL REPEATABLE READ READ ONLY"
 _WAITING = (
     "SELECT set_config('synchronous_commit', 'on', true) WHERE current_setting('synchronous_commit') <> 'remote_apply'"
 )
-"""Waits for the disk, and for a synchronous standby; where the server waits until that can be asked, it goes on to."""
+"""Waits at the commit for the disk and a synchronous standby; leaves the stricter `remote_apply` as it is."""
 
 _plain = attrgetter("postgresql")
 
 
 def is_connected(driver: Any, error: type[Exception]) -> bool:
-    """Return whether a connection can be used: a server's notice that it is gone has arrived by now."""
+    """Return whether a connection can be used: whether no notice of its end has arrived by now."""
     try:
-        # never waits; once for what the server said, and once more for the end of the connection
+        # never waits; once for what the server sent, and once more for the end of the connection
         driver.pgconn.consume_input()
         driver.pgconn.consume_input()
     except error:
@@ -58,13 +58,13 @@ class PostgresqlConnection(StoreConnection):
         self.lent = lent
         self._borrowed = borrowed
         self._is_waiting = False
-        """Whether a transaction is begun with the next statement."""
+        """Whether the transaction is to be begun together with the next statement."""
         self._announced: list[tuple[int, int]] = []
         """The transactions that are to be committed, by knowledge base and number."""
         self._unheard: set[int] = set()
-        """The knowledge bases to which nobody listens until this transaction ends."""
+        """The knowledge bases to which nobody listens, or will until this transaction ends."""
         self._pipeline: ExitStack | None = None
-        """What has been sent, and not yet been answered."""
+        """Ends the pipeline of statements that were sent and are not answered yet."""
         self._patience: float | None = getattr(driver, "answer_timeout", None)
         self.lend(options)
 
@@ -76,7 +76,7 @@ class PostgresqlConnection(StoreConnection):
         self._text = _plain if schema is None else lambda statement: statement.in_schema(schema)
 
     def _wait(self, seconds: float | None) -> None:
-        """Give up when the server has said nothing for so long; in a transaction of the caller's, never."""
+        """Set how many seconds the server may be silent; without effect in a transaction of the caller's."""
         if self._patience is not None:
             self.driver.answer_timeout = seconds
 
@@ -85,12 +85,12 @@ class PostgresqlConnection(StoreConnection):
         self._wait(None)
 
     def memory(self, kb: int) -> AnswerCache | None:
-        """The answers that may be remembered, while notifications arrive."""
+        """Return the cached answers while notifications arrive; None otherwise, and within a transaction."""
         subscription = self.options.subscription
         return None if subscription is None or self.in_transaction else subscription.answers()
 
     def announce(self, kb: int, number: int) -> None:
-        """Before the commit of a transaction: have those told who listen to its knowledge base."""
+        """Notify the listeners of a knowledge base of a transaction, unless there are none, with its commit."""
         if self._borrowed:
             expect(kb, number)
         else:
@@ -102,7 +102,7 @@ class PostgresqlConnection(StoreConnection):
                 raise self._failure(error) from error
 
     def lock_head(self, statement: Statement, parameters: Parameters) -> SqlRow | None:
-        """The head's row, for which others may have to be waited for; the last column says whether nobody listens."""
+        """Return the head's row, locked; a last column, whether nobody listens, is taken off it."""
         row = super().lock_head(statement, parameters)
         if row is None:
             return None
@@ -111,11 +111,11 @@ class PostgresqlConnection(StoreConnection):
         return row[:-1]
 
     def look_up(self, statement: Lookup, *parameters: int) -> SqlRow | None:
-        """The first row of a look-up, if any."""
+        """Return the first row of a look-up; None if there is none."""
         return self.first(statement, dict(zip(statement.names, parameters, strict=True)))
 
     def stream(self, statement: Statement, parameters: Parameters) -> Iterator[SqlRow]:
-        """The rows one after another, without holding all of them in memory; within a transaction."""
+        """Yield the rows of a statement from a server-side cursor; within a transaction."""
         try:
             with self._cursor(name="kbstore_rows") as cursor:
                 cursor.itersize = _ROWS
@@ -125,9 +125,9 @@ class PostgresqlConnection(StoreConnection):
 
     @contextmanager
     def together(self) -> Iterator[None]:
-        """Send statements that need no answer at once; what goes wrong with one is raised at the end.
+        """Send the block's statements, which return nothing, together; raise their errors at the end.
 
-        In a transaction of its own that is by the next statement, which goes with them: COMMIT, as a rule.
+        In a transaction of kbstore's own, the end is the next statement, which is sent with them: usually COMMIT.
         """
         try:
             with ExitStack() as pipeline:
@@ -149,22 +149,22 @@ class PostgresqlConnection(StoreConnection):
         return self._cursor(name=name)
 
     def _end_pipeline(self) -> ExitStack:
-        """Return what ends the pipeline that `together` left open; from here on statements are sent by themselves."""
+        """Return what ends the pipeline that `together` left open; from here on each statement is sent by itself."""
         assert self._pipeline is not None
         pipeline, self._pipeline = self._pipeline, None
         self._execute, self._cursor = self.driver.execute, self.driver.cursor
         return pipeline
 
     def array(self, values: Sequence[Any]) -> list[Any]:
-        """An array parameter."""
+        """Return an array parameter."""
         return list(values)
 
     def bounds(self, values: Sequence[int | None]) -> str:
-        """The same for numbers, as text: to be made once and used by many statements."""
+        """Return an array parameter of numbers as text, to be made once and used by many statements."""
         return json.dumps(values).replace("[", "{").replace("]", "}")
 
     def database(self) -> object:
-        """The database's number on the server, and since when that runs."""
+        """Return the database's number on the server, and the time at which the server was started."""
         try:
             return self._execute(_DATABASE).fetchone()
         except self._error as error:
@@ -199,7 +199,7 @@ class PostgresqlConnection(StoreConnection):
         self._execute, self._cursor = self.driver.execute, self.driver.cursor
 
     def _committing(self) -> None:
-        """Do nothing: what a server is to notify of is among the statements before."""
+        """Do nothing: notifications are sent by the server, at the commit."""
 
     def _committed(self) -> None:
         super()._committed()
@@ -220,12 +220,12 @@ class PostgresqlConnection(StoreConnection):
         super().rollback()
 
     def _must_roll_back(self) -> bool:
-        """Return whether the server has been told of the transaction."""
+        """Return whether the transaction has begun on the server."""
         was_waiting, self._is_waiting = self._is_waiting, False
         return not was_waiting
 
     def all_at_first(self, statement: Statement, parameters: Parameters) -> list[SqlRow]:
-        """All rows of a statement; the first of a reading transaction sees the latest commit, and does not begin it."""
+        """Return all rows of a statement; if the reading transaction has not begun, on the latest commit instead."""
         if not self._is_waiting:
             return self.all(statement, parameters)
         try:
@@ -235,7 +235,7 @@ class PostgresqlConnection(StoreConnection):
         return rows
 
     def all_at_once(self, reads: Sequence[tuple[Statement, Parameters]]) -> list[list[SqlRow]]:
-        """All rows of several statements, in one trip to the server."""
+        """Return all rows of several statements, in one trip to the server."""
         if len(reads) < 2 or self._executing is not self.driver:
             return super().all_at_once(reads)
         try:
@@ -249,9 +249,9 @@ class PostgresqlConnection(StoreConnection):
             raise self._failure(error) from error
 
     def _beginning(self, *, write: bool) -> tuple[str, dict[str, Any]]:
-        """The settings of the transaction are in the same message.
+        """Return the statement that begins a transaction, with the transaction's settings in the same message.
 
-        Whether a server may be written to is left to the server (a standby, `default_transaction_read_only`).
+        A server that may not be written to (a standby, `default_transaction_read_only`) refuses the writes itself.
         """
         if not write:
             return _READING, {}
@@ -260,7 +260,7 @@ class PostgresqlConnection(StoreConnection):
         # 0 would be for ever
         patience = max(1, int(self.options.busy_timeout * 1000))
         if self._patience is not None:
-            # a lock may be waited for, too
+            # a wait for a lock is silent, too
             self._wait(self._patience + self.options.busy_timeout)
         waits = _WAITING if self.options.durability == "full" else "SET LOCAL synchronous_commit = off"
         text = f"BEGIN ISOLATION LEVEL READ COMMITTED; SET LOCAL lock_timeout = {patience}; {waits}"

@@ -1,6 +1,6 @@
 """The SQL statements for everything but assertions, by name: Core constructs over `kbstore.storage.tables`.
 
-Each names the knowledge base for every table that it touches. The statements for assertions are in
+Each has a condition on the knowledge base for every table that it touches. The statements for assertions are in
 `kbstore.storage.assertion_queries`.
 """
 
@@ -84,12 +84,15 @@ transactions_numbered = Statement(_transaction.where(among(_transactions.number,
 
 
 def _first_transaction_from() -> Any:
-    """Bisection over the key: times never run backwards, and no index by time is needed."""
+    """Select the first transaction at :time or later, by bisection over the key: times never run backwards.
+
+    So no index by time is needed.
+    """
     ends = select(sa.cast(constant(1), sa.BigInteger).label("low"), (_heads.last_number + constant(1)).label("high"))
     span = ends.where(_heads.kb_id == KB).cte("span", recursive=True)
     middle = (span.c.low + span.c.high).op(">>")(constant(1))
     from_middle = _transaction.where(_transactions.number >= middle).order_by(_transactions.number).limit(constant(1))
-    # numbers that are missing have been archived: what follows them takes their place
+    # missing numbers have been archived: the next number takes their place
     is_before = from_middle.with_only_columns(_transactions.recorded_time).scalar_subquery() < parameter("time")
     halves = select(
         sa.case((is_before, middle + constant(1)), else_=span.c.low),
@@ -171,7 +174,7 @@ add_timeline = Batch.adding(tables.timelines)
 add_mention = Batch.adding(tables.mentions, ignoring=True)
 
 settle_rate = Batch.changing(tables.functions, "rate", key=ROW)
-"""Give a scheduled value the rate that is derived for it: its own, and what runs adds."""
+"""Set the derived rate of a scheduled value: its own rate, and what runs add to it."""
 
 # -- schedules and revisions ----------------------------------------------------------------------------------
 
@@ -190,7 +193,7 @@ pending = Statement(_pending)
 pending_as_of = Statement(
     sa.union_all(
         _pending.where(_schedules.recorded_tx <= parameter("number")),
-        # what is derived is not cancelled, but derived anew
+        # derived rows are not among them: they are never cancelled, but deleted and derived anew
         select(_revisions.knowledge_type, _revisions.recorded_tx, _revisions.seq).where(
             _revisions.kb_id == KB,
             between(_revisions.tx, "number", "latest"),
@@ -199,7 +202,7 @@ pending_as_of = Statement(
         ),
     )
 )
-"""The same after the transaction :number of that time, when :latest is the last transaction of that time."""
+"""The rows of `pending` as they were after the transaction :number of :t, whose last transaction is :latest."""
 
 due = Statement(_scheduled.where(between(_schedules.initial_time), _uncancelled))
 """The rows that were scheduled, and took effect after :after and up to :upto."""
@@ -248,7 +251,7 @@ add_schedule = Batch.adding(tables.schedules)
 cancel_schedule = Batch.changing(tables.schedules, "until_time", "node", key=ROW)
 
 delete_schedule = Batch.deleting(tables.schedules, key=ROW)
-"""The condition of an assertion that is derived, and ahead."""
+"""Delete the row in `schedules` of a derived assertion that lies ahead."""
 
 add_revision = Batch.adding(tables.revisions)
 
@@ -292,7 +295,7 @@ run_from = Statement(
     .order_by(_runs.number)
     .limit(constant(1))
 )
-"""The first run of :number or later, and when it started: numbers rise with the starts, and may have gaps."""
+"""The first run with :number or a later one, and its start: numbers rise with the starts, and may have gaps."""
 
 runs_numbered = Statement(
     _run_columns.where(_runs.number >= parameter("first"), _runs.number < parameter("end")).order_by(_runs.number)

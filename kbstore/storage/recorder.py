@@ -1,4 +1,4 @@
-"""Writes the row changes of one transaction, with what is derived from them: levels, nodes, places, revisions."""
+"""Writes the row changes of one transaction, and computes the rest of the rows: levels, nodes, places, revisions."""
 
 import secrets
 from collections.abc import Sequence
@@ -17,11 +17,11 @@ from kbstore.storage.tables import PRESENT_SCHEDULES, Revision
 _TOKEN_BITS = 62
 
 _DERIVED_ANEW = 1 << 30
-"""The first place of what is derived anew in a copy; no transaction records so many rows."""
+"""The first place in a transaction of rows derived anew in a copy; no transaction records so many rows."""
 
 
 class Recorder:
-    """One transaction of a knowledge base: its number follows that of the head, which is locked."""
+    """Writes one transaction of a knowledge base; its number follows that of the head, which is locked."""
 
     def __init__(self, connection: StoreConnection, kb: int, head: Head, now: int) -> None:
         self._connection = connection
@@ -30,12 +30,12 @@ class Recorder:
         self._number = head.number + 1
         self._now = now
         self.opened: dict[int, StoredAssertion] = {}
-        """The new open rows of timelines that were there before."""
+        """The new open rows on timelines that are not new."""
         self._revisions: list[tuple[Any, ...]] = []
         self._schedules: list[tuple[Any, ...]] = []
 
     def record(self, changes: RowChanges, client: str, note: str) -> Head:
-        """Write everything, and advance the head; returns it."""
+        """Write all changes, advance the head, and return it."""
         connection, kb, before = self._connection, self._kb, self._head
         added = [kind for rows in (changes.adds, changes.late) for kind, found in rows.items() if found]
         present = before.present | sum(1 << kind for kind in set(added))
@@ -44,7 +44,7 @@ class Recorder:
             if changes.timelines:
                 self._add_timelines(changes.timelines)
             if changes.mentions:
-                # in the order of their index, which is built in half the time
+                # in the order of their index, which halves the time of inserting them
                 mentions = sorted((about.id, timeline.id) for about, timeline in changes.mentions)
                 connection.many(queries.add_mention, [(kb, about, timeline) for about, timeline in mentions])
             last_timeline = before.timeline + len(changes.timelines)
@@ -76,7 +76,7 @@ class Recorder:
         return head
 
     def record_derived(self, changes: RowChanges) -> None:
-        """Write only how numbers are to move ahead: for a copy, which derives it anew."""
+        """Write only the derived rates of numbers at later times: for a copy, which derives them itself."""
         connection = self._connection
         self._change_rates(changes)
         rows = [
@@ -89,7 +89,7 @@ class Recorder:
     # -- assertions -------------------------------------------------------------------------------------------
 
     def _change_assertions(self, changes: RowChanges) -> None:
-        """Write ends, cancellations and other ends: before what begins, which may take its place."""
+        """Write the changes to stored assertions; before new ones, which may take their places in unique indexes."""
         connection, kb, number, now = self._connection, self._kb, self._number, self._now
         for kind, ends in changes.ends.items():
             statements = for_kind[kind]
@@ -129,7 +129,7 @@ class Recorder:
         self._change_rates(changes)
 
     def _change_rates(self, changes: RowChanges) -> None:
-        """Write the derived assertions that changed, or are not ahead any more."""
+        """Delete the derived assertions that are not derived any more, and write the new rates of scheduled values."""
         connection, kb = self._connection, self._kb
         if changes.underived:
             underived = [(kb, row.recorded_tx, row.seq) for row in changes.underived]
@@ -144,7 +144,7 @@ class Recorder:
             rows = [self._late_row(seq + place, new) for place, new in enumerate(late)]
             seq += len(rows)
             self._connection.many(for_kind[kind].add_late, rows)
-        # what is derived may be deleted, and comes last
+        # derived rows come last, so that deleting them leaves no gap in the places
         derived = {KnowledgeType.FUNCTION: changes.derived} if changes.derived else {}
         for is_derived, by_kind in ((False, changes.adds), (True, derived)):
             for kind, added in by_kind.items():
@@ -176,7 +176,7 @@ class Recorder:
     # -- the rest ---------------------------------------------------------------------------------------------
 
     def _add_timelines(self, timelines: Sequence[Timeline]) -> None:
-        """New timelines, numbered on from the last."""
+        """Write new timelines, with the numbers that follow the last one."""
         for id, timeline in enumerate(timelines, self._head.timeline + 1):
             timeline.id = id
         self._connection.many(queries.add_timeline, [_timeline_row(self._kb, new) for new in timelines])

@@ -1,4 +1,4 @@
-"""Rows to timelines and values, and back: one knowledge base on one connection."""
+"""Reads and writes one knowledge base on one connection: translates between rows, and timelines and values."""
 
 import json
 from collections import defaultdict
@@ -52,12 +52,12 @@ class Repository:
         self._memory = memory
         if memory.progress.is_gone:
             raise memory.gone()
-        # before anything is read: what was seen by then is not newer than what is read
+        # taken before anything is read, so that it is not newer than what will be read
         self._seen = memory.progress.seen
         self._cache = memory.timelines
-        # after that: whoever sees a store that went back since then notices it, and takes the generation anew
+        # taken after `_seen`: if the store goes back in between, `_look` notices it, and takes the generation again
         self.generation = memory.progress.returns
-        """How often the store had gone back when this was made; what is cached belongs to one generation."""
+        """How often the store has gone back; cached values are valid in one generation only."""
         self._positions: dict[LogPosition, dict[str, Any]] = {}
         self._head: Head | None = None
         self._saved: tuple[RowChanges, dict[int, StoredAssertion], Head] | None = None
@@ -73,7 +73,7 @@ class Repository:
         return self._head
 
     def _see(self, row: SqlRow | None) -> Head:
-        """Take a row as the head in this snapshot."""
+        """Take a row as the head in this snapshot, and return the head. Raises `StoreWentBack` if there is none."""
         if row is None:
             raise self._memory.gone()
         head = self._head = Head._make(row)
@@ -91,7 +91,7 @@ class Repository:
         return self._look(Mark(head.number, head.token))
 
     def _look(self, now: Mark) -> bool:
-        """Return whether the store has gone back since this was made; what was remembered until then is forgotten."""
+        """Return whether the store has gone back since this was made; if so, all caches are cleared."""
         if now == self._seen:
             return False
         try:
@@ -107,7 +107,7 @@ class Repository:
         return has_gone_back
 
     def _refuse_another(self) -> None:
-        """Raise if the knowledge base of that name has another number in the store, or is not there any more."""
+        """Raise `StoreWentBack` if the knowledge base with this name has another number now, or is gone."""
         if self._memory.name:
             found = directory.find(self._connection, self._memory.name)
             if found is None or found.kb != self._kb:
@@ -118,13 +118,13 @@ class Repository:
         return None if row is None else row[0]
 
     def save(self, changes: RowChanges, head: Head, now: int, *, client: str, note: str) -> Head:
-        """Record a transaction after `head`, which is locked; returns the new head."""
+        """Record a transaction after `head`, which is locked, and return the new head."""
         recorder = Recorder(self._connection, self._kb, head, now)
         self._saved = changes, recorder.opened, recorder.record(changes, client, note)
         return self._saved[2]
 
     def committed(self) -> None:
-        """Remember the end of the log, and what has been saved; once it is committed."""
+        """Remember the end of the log, and the saved rows; has to be called after the commit."""
         before = self.head()
         if self._saved is None:
             self._memory.acknowledge(before, ())
@@ -135,50 +135,50 @@ class Repository:
         self._memory.open_rows.follow(before.token, head.token, gone, opened)
 
     def save_derived(self, changes: RowChanges, head: Head) -> None:
-        """Write only how numbers are to move ahead, in a copy that stands at `head`."""
+        """Write only the derived rates of numbers at later times, in a copy whose log ends with `head`."""
         Recorder(self._connection, self._kb, head._replace(number=head.number - 1), head.time).record_derived(changes)
 
     def transactions(self, numbers: Iterable[int]) -> list[SqlRow]:
-        """The rows of some transactions: number, time, changes, client, note."""
+        """Return the rows of some transactions: number, time, changes, client, note."""
         wanted = self._connection.array(sorted(set(numbers)))
         return self._connection.all(queries.transactions_numbered, {"kb": self._kb, "numbers": wanted})
 
     def transactions_between(self, after: int, upto: int) -> list[SqlRow]:
-        """The rows of the transactions after a number and up to another, in order."""
+        """Return the rows of the transactions after a number and up to another, in order."""
         return self._connection.all(queries.transactions_between, {"kb": self._kb, "after": after, "upto": upto})
 
     def first_transaction_from(self, time: int) -> int | None:
-        """The number of the first transaction at a time or later; None if there is none."""
+        """Return the number of the first transaction at a time or later; None if there is none."""
         row = self._connection.first(queries.first_transaction_from, {"kb": self._kb, "time": time})
         return None if row is None else int(row[0])
 
     def last_number_at(self, t: int) -> int:
-        """The number of the last transaction at a time or before; 0 if there is none."""
+        """Return the number of the last transaction at a time or before; 0 if there is none."""
         following = self.first_transaction_from(t + 1)
         return self.head().number if following is None else following - 1
 
     def late_from(self, number: int) -> int:
-        """The earliest time about which late knowledge was recorded after a transaction; OPEN if there was none."""
+        """Return the earliest time about which a later transaction recorded late knowledge; OPEN if none did."""
         row = self._connection.first(queries.late_from, {"kb": self._kb, "number": number})
         return OPEN if row is None or row[0] is None else int(row[0])
 
     def after_transaction(self, number: int, time: int) -> LogPosition:
-        """The position in the record exactly after a transaction."""
+        """Return the position in the log exactly after a transaction, which has the time `time`."""
         following = self.first_transaction_from(time + 1)
         return LogPosition(time, number, (self.head().number if following is None else following - 1))
 
     def domain_versions(self, after: int = 0) -> list[SqlRow]:
-        """Version, time, transaction, source and sensed names of the domain's versions after one."""
+        """Return the rows of the domain's versions after one: version, time, transaction, source, sensed symbols."""
         return self._connection.all(queries.domain_versions, {"kb": self._kb, "after": after})
 
     def symbols(self) -> list[SqlRow]:
-        """The shapes that a knowledge base without a domain keeps: type, key, name, arity, labels."""
+        """Return the rows of the signatures inferred without a domain: type, key, name, arity, labels."""
         return self._connection.all(queries.symbols, {"kb": self._kb})
 
     # -- timelines --------------------------------------------------------------------------------------------
 
     def timelines(self, ids: Iterable[int]) -> Mapping[int, Timeline]:
-        """Timelines by number; those that the cache has not are read at once."""
+        """Return timelines by number; those that are not cached are read by one statement."""
         wanted = {id: timeline for id in set(ids) if (timeline := self._cache.by_id.find(id)) is not None}
         missing = [id for id in set(ids) if id not in wanted]
         if not missing:
@@ -190,20 +190,20 @@ class Repository:
         return wanted
 
     def timelines_of(self, ids: Iterable[int]) -> list[Timeline]:
-        """Timelines by number, in that order."""
+        """Return the timelines with some numbers, in the order of these."""
         ids = list(ids)
         timelines = self.timelines(ids)
         return [timelines[id] for id in ids]
 
     def find(self, role: Role, kind: KnowledgeType, keys: Sequence[str]) -> dict[str, Timeline]:
-        """The timelines with some keys, as far as they exist."""
+        """Return the timelines with some keys, as far as they exist, by key."""
         by_key = self._cache.by_key[role, kind]
         found: dict[str, Timeline] = {}
         missing = []
         for key in keys:
             timeline = by_key.get(key) or by_key.find(key)
             if timeline is None:
-                # no name that is stored has control characters, and no database takes all of them
+                # no stored key has control characters, and databases refuse some of them
                 if key.isprintable():
                     missing.append(key)
             else:
@@ -222,18 +222,18 @@ class Repository:
         return found
 
     def of_symbol(self, role: Role, kind: KnowledgeType, name: str) -> list[Timeline]:
-        """All timelines of a predicate or function, by its key."""
-        # what follows the name is a space, or nothing
+        """Return all timelines of a predicate or function, which is given by its key."""
+        # the name ends the key, or a space follows it, which sorts before "!"
         parameters = {"kb": self._kb, "role": int(role), "kind": int(kind), "first": name, "last": f"{name}!"}
         return [self._remember(row) for row in self._connection.all(queries.timelines_of_symbol, parameters)]
 
     def of_kind(self, role: Role, kind: KnowledgeType) -> list[Timeline]:
-        """All timelines of a knowledge type."""
+        """Return all timelines of a role and knowledge type."""
         rows = self._connection.all(queries.timelines_of_kind, {"kb": self._kb, "role": int(role), "kind": int(kind)})
         return [self._remember(row) for row in rows]
 
     def mentioning(self, objects: Sequence[int]) -> list[Timeline]:
-        """The timelines that mention some objects, given by the numbers of their INSTANCE timelines."""
+        """Return the timelines that mention some objects, given by the numbers of their INSTANCE timelines."""
         parameters = {"kb": self._kb, "ids": self._connection.array(objects)}
         unique = {row[0]: row for row in self._connection.all(queries.timelines_mentioning, parameters)}
         return [self._remember(row) for row in unique.values()]
@@ -249,10 +249,10 @@ class Repository:
     # -- states -----------------------------------------------------------------------------------------------
 
     def read_state(self, t: int) -> None:
-        """Read the head and what holds at a time in one trip to a server, for `head` and `state_at` to answer by.
+        """Read the head and what holds at a time in one trip to a server; `head` and `state_at` then need no statement.
 
-        One statement is a snapshot of its own, and ends the transaction that it would need. Where schedules or runs are
-        to be read as well, which have to be of the same snapshot, it is several in a transaction.
+        A single statement has a snapshot of its own, and needs no transaction. If schedules or runs have to be read
+        from the same snapshot as well, several statements in a transaction are sent together.
         """
         position, progress = LogPosition(t), self._memory.progress
         kinds = tuple(kind for kind in KnowledgeType if progress.present >> kind & 1)
@@ -270,7 +270,7 @@ class Repository:
         self._read_ahead = {(kind, position): rows for kind, rows in zip(kinds, found, strict=True)}
 
     def state_at(self, kind: KnowledgeType, position: LogPosition) -> list[StateRow]:
-        """The assertions of a knowledge type that hold at a position in the record."""
+        """Return the assertions of a knowledge type that hold at a position in the log."""
         if not self._has(kind):
             return []
         known = self._read_ahead.get((kind, position))
@@ -285,9 +285,9 @@ class Repository:
         return self._state_rows(kind, rows)
 
     def value_at(self, kind: KnowledgeType, timeline: Timeline | None, t: int) -> StoredPoint | None:
-        """Return the assertion of one timeline at a time, with the head, by one statement; for no timeline, the head.
+        """Return the head, and the assertion of one timeline at a time if a timeline is given, by one statement.
 
-        None where the store has gone back since this was made: the timeline may be another one now.
+        None if the store has gone back since this was made, as the timeline may be another one now.
         """
         id = 0 if timeline is None else timeline.id
         row = self._connection.look_up(for_kind[kind].point, self._kb, id, t, self._kb)
@@ -296,7 +296,7 @@ class Repository:
         return None if row[0] != self._seen.token and self._has_gone_back() else row
 
     def has_objects_since(self, number: int) -> bool:
-        """Return whether something was recorded of the existence of objects after a transaction."""
+        """Return whether a transaction after a number recorded the existence, or the end, of an object."""
         parameters = {"kb": self._kb, "number": number}
         return self._connection.first(for_kind[KnowledgeType.INSTANCE].recorded_since, parameters) is not None
 
@@ -309,7 +309,7 @@ class Repository:
         return OPEN if row is None else int(row[0])
 
     def next_due(self, t: int) -> int:
-        """A time up to which nothing takes effect by the clock alone after `t`; `OPEN` if nothing is scheduled."""
+        """Return the time after `t` before which nothing takes effect by the clock alone; `OPEN` if nothing is due."""
         if not self.head().present & PRESENT_SCHEDULES:
             return OPEN
         row = self._connection.first(queries.next_due, {"kb": self._kb, "t": t})
@@ -318,20 +318,20 @@ class Repository:
     def holding(
         self, role: Role, kind: KnowledgeType, t: int, words: str = "", *, mentioning: Timeline | None = None
     ) -> list[StateRow]:
-        """The assertions of a role and knowledge type that hold at a time, without reading the rest of the state.
+        """Return the assertions of a role and knowledge type that hold at a time, without the rest of the state.
 
         Args:
-            role: of their timelines.
-            kind: of their timelines.
-            t: the time.
-            words: with what the keys of their timelines begin: a symbol, and objects; nothing for all.
-            mentioning: only those that mention the object of an INSTANCE timeline.
+            role: the role of their timelines.
+            kind: the knowledge type of their timelines.
+            t: the time, in nanoseconds.
+            words: the words with which the keys of their timelines begin: a symbol, and objects; empty for all.
+            mentioning: an INSTANCE timeline; only assertions that mention its object are returned.
         """
         if not self._has(kind):
             return []
-        # keys that are too long are stored in another form
+        # long keys are stored shortened, and only their symbol is certain to be a prefix
         words = words if len(words) < LONGEST_KEY else words.partition(" ")[0]
-        # what follows the words is a space, or nothing
+        # the words end the key, or a space follows them, which sorts before "!"
         last = f"{words}!" if words else _LAST_KEY
         span = {"role": int(role), "kind": int(kind), "first_key": words, "last_key": last}
         parameters = {"kb": self._kb, "t": t, **span}
@@ -342,7 +342,7 @@ class Repository:
         return self._state_rows(kind, rows)
 
     def scheduled_at(self, kind: KnowledgeType, position: LogPosition) -> list[StateRow]:
-        """Return what had been scheduled at a position in the log, and takes effect after it."""
+        """Return the assertions that were scheduled at a position in the log, and take effect after it."""
         if not self.head().present & PRESENT_SCHEDULES:
             return []
         parameters = self._on_path(position)
@@ -353,17 +353,17 @@ class Repository:
         return self._state_rows(kind, [(*row[:2], *row[_VALUE:]) for row in found.get(kind, ())])
 
     def _has(self, kind: KnowledgeType) -> bool:
-        """Return whether there are any assertions of a knowledge type to be asked for."""
+        """Return whether the knowledge base has ever had an assertion of a knowledge type."""
         return bool(self.head().present >> kind & 1)
 
     @cached_property
     def _levels(self) -> Any:
-        """All levels on which something is kept that has an end: what is known now, and what was superseded."""
+        """All levels of rows with an end, known and superseded ones, as an array parameter."""
         closed = range(LEVELS)
         return self._connection.array([*closed, *map(superseded, closed)])
 
     def _at(self, position: LogPosition) -> dict[str, Any]:
-        """The parameters that say a position in the record; the same for each of the tables."""
+        """Return the parameters for a position in the log, which are the same for each table of assertions."""
         known = self._positions.get(position)
         if known is not None:
             return known
@@ -381,14 +381,14 @@ class Repository:
         return parameters
 
     def _on_path(self, position: LogPosition) -> dict[str, Any]:
-        """The same for what is kept by the nodes themselves."""
+        """Return these parameters for tables that store nodes instead of levels."""
         parameters = self._at(position)
         if "path" not in parameters:
             parameters["path"] = self._connection.bounds(path(position.time))
         return parameters
 
     def _by_key(self, keys: Iterable[SqlRow]) -> dict[KnowledgeType, list[SqlRow]]:
-        """Rows by their knowledge type, transaction and place."""
+        """Return the rows with some keys (knowledge type, transaction, place), by knowledge type."""
         wanted: dict[KnowledgeType, list[tuple[int, int]]] = defaultdict(list)
         for kind, number, seq in keys:
             wanted[KnowledgeType(kind)].append((number, seq))
@@ -404,7 +404,7 @@ class Repository:
             return _with_timelines(rows, self.timelines([row[0] for row in rows]))
 
     def rows_for_update(self, kind: KnowledgeType, ids: Sequence[int], t: int) -> dict[int, list[StoredAssertion]]:
-        """For each timeline the latest row that begins no later than `t`, and those ahead of it, in order."""
+        """Return for each timeline the latest row that begins no later than `t`, and those ahead of it, in order."""
         head, open_rows = self.head(), self._memory.open_rows
         known = open_rows.of(head.token, ids)
         missing = [id for id in ids if id not in known]
@@ -415,7 +415,7 @@ class Repository:
                 read[row[0]].append(StoredAssertion._make((*row[1:7], row[7:])))
             for rows in read.values():
                 rows.sort(key=lambda stored: stored.initial_time)
-            # one that began after the head may lie ahead of the next transaction, whose clock may be behind
+            # a row that begins after the head may lie ahead of the next transaction, if that one's clock is behind
             found = ((id, rows[0]) for id, rows in read.items())
             open_rows.put(
                 head.token, {id: row for id, row in found if row.end_time == OPEN and row.initial_time <= head.time}
@@ -423,32 +423,32 @@ class Repository:
         return {id: [row] for id, row in known.items()} | read
 
     def scheduled_objects(self, t: int) -> set[int]:
-        """The INSTANCE timelines on which something lies ahead of `t`."""
+        """Return the numbers of the INSTANCE timelines on which something lies ahead of `t`."""
         if not self.head().present & PRESENT_SCHEDULES:
             return set()
         parameters = {"kb": self._kb, "t": t, "kind": int(KnowledgeType.INSTANCE)}
         return {row[0] for row in self._connection.all(queries.ahead, parameters)}
 
     def derived_ahead(self, t: int) -> list[Timeline]:
-        """The functions for which a rate has been derived from a time after `t` on."""
+        """Return the timelines of functions for which a rate has been derived from a time after `t` on."""
         if not self.head().present & PRESENT_SCHEDULES:
             return []
         rows = self._connection.all(queries.derived_ahead, {"kb": self._kb, "t": t})
         return self.timelines_of(dict.fromkeys(row[0] for row in rows))
 
     def running(self, position: LogPosition) -> list[RunRow]:
-        """The durative actions that run at a position in the record, in the order in which they were started."""
+        """Return the durative actions that run at a position in the log, in the order of their starts."""
         statement = queries.running if position.number is None else queries.running_as_of
         return [_run(row) for row in sorted(self._connection.all(statement, self._on_path(position)))]
 
     def runs_between(self, since: int, until: int) -> list[RunRow]:
-        """The runs that meet ``[since, until)``, in the order of their starts."""
+        """Return the runs that meet ``[since, until)``, in the order of their starts."""
         before = [run for run in self.running(LogPosition(since)) if run.started < min(since, until)]
         span = {"kb": self._kb, "first": self._first_run_from(since), "end": self._first_run_from(until)}
         return before + [_run(row) for row in self._connection.all(queries.runs_numbered, span)]
 
     def _first_run_from(self, t: int) -> int:
-        """The number of the first run that starts at `t` or later, found by bisection: numbers rise with starts."""
+        """Return the number of the first run that starts at `t` or later, by bisection: numbers rise with starts."""
         first, end = 1, self.head().last_run + 1
         while first < end:
             middle = (first + end) // 2
@@ -460,7 +460,7 @@ class Repository:
         return first
 
     def run(self, number: int) -> RunRow | None:
-        """The run with a number; None if there is none."""
+        """Return the run with a number; None if there is none."""
         row = self._connection.first(queries.run_numbered, {"kb": self._kb, "number": number})
         return None if row is None else _run(row)
 
@@ -469,10 +469,11 @@ class Repository:
     def history(
         self, kind: KnowledgeType, timelines: Sequence[Timeline], first: int, until: int, upto: int | None = None
     ) -> list[RecordedAssertion]:
-        """The rows of some timelines from the one that holds at `first` on, up to `until`.
+        """Return the rows of some timelines from the one that holds at `first` on, up to `until`.
 
-        With all that begin before `until` and do not count now: cancelled and superseded ones, and those that ended as
-        they began. With `upto`, the rows as they were after that transaction, from the first on.
+        All retired rows that begin before `until` are among them: cancelled and superseded ones, and those that ended
+        at the time at which they began. With `upto`, the rows from the very first on, as they were after that
+        transaction.
         """
         if not timelines:
             return []
@@ -482,7 +483,7 @@ class Repository:
         return rows if upto is None else self._as_after(kind, rows, upto)
 
     def _as_after(self, kind: KnowledgeType, rows: Iterable[RecordedAssertion], number: int) -> list[RecordedAssertion]:
-        """Rows as they were after a transaction: what was done to them later is undone."""
+        """Return rows as they were after a transaction: later changes are undone."""
         revised: dict[tuple[int, int], list[RevisionRow]] = defaultdict(list)
         for revision in self.revisions(kind, number, self.head().number):
             revised[revision.recorded, revision.seq].append(revision)
@@ -494,7 +495,7 @@ class Repository:
             revisions = [
                 revision
                 for revision in revised[row.recorded, row.seq]
-                # what was open until it ended has no revision for that
+                # the end of a row that was open has no revision
                 if not ended or (row.ended is not None and revision.number <= row.ended)
             ]
             found.append(
@@ -518,13 +519,13 @@ class Repository:
         parameters = {"kb": self._kb, "timeline": timeline.id, "first": first, "last": last}
         found = []
         for row in self._connection.all(for_kind[timeline.kind].known, parameters):
-            recorded, seq, start, end, ended, cause, told = row[:7]
+            recorded, seq, start, end, ended, cause, first_recorded = row[:7]
             stored = StoredAssertion(recorded, seq, start, end, None, False, row[7:])
-            found.append(KnownAssertion(stored, ended, cause, told or recorded))
+            found.append(KnownAssertion(stored, ended, cause, first_recorded or recorded))
         return found
 
     def beginning_at(self, points: Iterable[tuple[Timeline, int]], upto: int | None = None) -> list[RecordedAssertion]:
-        """The rows that begin on timelines at the times that are given with them; as after the transaction `upto`."""
+        """Return the rows that begin on a timeline at a time, for each pair; with `upto`, as after that transaction."""
         rows = self._of_pairs(points, lambda statements: statements.beginning)
         if upto is None:
             return rows
@@ -536,7 +537,7 @@ class Repository:
         ]
 
     def latest_before(self, points: Iterable[tuple[Timeline, int]]) -> list[RecordedAssertion]:
-        """For each timeline the latest row that counts now and begins before the time that is given with it."""
+        """Return the latest row known now that begins on a timeline before a time, for each pair of these."""
         return self._of_pairs(points, lambda statements: statements.latest_before)
 
     def _of_pairs(
@@ -562,7 +563,7 @@ class Repository:
         for kind, statements in for_kind.items():
             if self._has(kind):
                 found.recorded.extend(self._recorded(self._connection.all(statements.recorded, span)))
-                # what late knowledge ended in the past did not end with its transaction
+                # without rows that late knowledge ended at an earlier time than its own
                 ended = self._recorded(self._connection.all(statements.ended, ending))
                 found.ended.extend(row for row in ended if row.ended in times and row.end_time == times[row.ended])
         for rows in self._by_key(self._connection.all(queries.revised, span)).values():
@@ -572,7 +573,7 @@ class Repository:
         return found
 
     def due_between(self, after: int, upto: int) -> list[RecordedAssertion]:
-        """Return what was scheduled, and took effect by the clock alone after a time and up to another."""
+        """Return the scheduled assertions that took effect by the clock alone after a time and up to another."""
         if not self.head().present & PRESENT_SCHEDULES:
             return []
         keys = self._connection.all(queries.due, {"kb": self._kb, "after": after, "upto": upto})
@@ -581,7 +582,7 @@ class Repository:
     def _recorded(self, rows: list[SqlRow]) -> list[RecordedAssertion]:
         timelines = self.timelines([row[0] for row in rows])
         found = []
-        for id, start, end, recorded, seq, ended, retired, told, level, cause, *value in rows:
+        for id, start, end, recorded, seq, ended, retired, first_recorded, level, cause, *value in rows:
             is_cancelled = level == EMPTY_LEVEL and ended is None
             found.append(
                 RecordedAssertion(
@@ -593,7 +594,7 @@ class Repository:
                     ended,
                     retired if is_cancelled else None,
                     retired if level != EMPTY_LEVEL else None,
-                    told,
+                    first_recorded,
                     cause,
                     tuple(value),
                 )
@@ -622,6 +623,6 @@ def _upto(number: int | None, last: int) -> int | None:
 
 def _with_timelines(rows: list[SqlRow], timelines: Mapping[int, Timeline]) -> list[StateRow]:
     if rows and len(rows[0]) == 3:
-        # facts, of which a state has most; slicing would take half as long again
+        # facts, the most frequent kind; slicing would take 1.5 times as long
         return [(timelines[id], t, _SIGNS[sign]) for id, t, sign in rows]
     return [(timelines[row[0]], row[1], row[2:]) for row in rows]
