@@ -1,8 +1,7 @@
-"""The schema of a store: set up where a database is empty, checked at every opening, changed on request.
+"""The schema of a store: set up in an empty database, checked at every opening, changed on request.
 
-The revision of the schema, four digits, is in the database (`VERSION_TABLE`). What is done to a schema is done
-by the migrations, which alembic runs (see `migrations/env.py`). Nothing migrates a database that holds data
-without being asked to.
+The revision of the schema, four digits, is in the database (`VERSION_TABLE`). Only the migrations change a schema; they
+are run by alembic (see `migrations/env.py`). A database with data is migrated only on request.
 """
 
 import re
@@ -41,12 +40,12 @@ Store = str | PathLike[str] | URL
 """A store's URL: a SQLAlchemy URL, or the path of an SQLite file."""
 
 _SCRIPTS = ("migrations", "../migrations")
-"""The folders of the migrations, seen from the package: in an installed kbstore, and in a checkout."""
+"""The folders of the migrations, relative to the package: in an installed kbstore, and in a checkout."""
 
 _PATIENCE = 600.0
 """Seconds that an upgrade waits for another one to finish."""
 
-# alembic keeps what it is doing in global variables, so that one thread at a time can run it
+# alembic has its state in global variables, so only one thread at a time can run it
 _alembic = threading.Lock()
 
 
@@ -55,7 +54,7 @@ _checked: weakref.WeakKeyDictionary[sa.Engine, set[str | None]] = weakref.WeakKe
 
 
 class Migrated(NamedTuple):
-    """The result of an upgrade or a downgrade: the revisions before and after (None: no schema), and the copy made."""
+    """The result of an upgrade or a downgrade: revisions before and after (None: no schema), and the copy if made."""
 
     before: str | None
     after: str | None
@@ -63,7 +62,7 @@ class Migrated(NamedTuple):
 
 
 class Revision(NamedTuple):
-    """A revision of the schema, and what it brought."""
+    """A revision of the schema: its number, and its title."""
 
     number: str
     title: str
@@ -89,7 +88,7 @@ def ensure(engine: sa.Engine, *, read_only: bool, schema: str | None = None) -> 
 
 
 def current(url: Store, *, schema: str | None = None) -> str | None:
-    """The revision of a store's schema; None where there is none yet."""
+    """Return the revision of a store's schema; None if it has none yet."""
     schema = schema_of(parsed_url(url), schema)
     with _opened(url, schema) as engine, connecting(engine, existing=True) as connection:
         stamps = _stamps(connection, schema)
@@ -121,7 +120,7 @@ def check(url: Store, *, wait: float = 0, schema: str | None = None) -> None:
 
 
 def history() -> list[Revision]:
-    """The revisions of the schema that this kbstore has, the oldest first."""
+    """Return the revisions of the schema that this kbstore knows, the oldest first."""
     from alembic.script import ScriptDirectory
 
     scripts = ScriptDirectory.from_config(_config()).walk_revisions()
@@ -133,18 +132,18 @@ def upgrade(url: Store, revision: str = "head", *, backup: bool = True, schema: 
 
     An SQLite file that holds a store is copied first, beside itself, unless `backup` is False; the copy is what the
     upgrade began with. On PostgreSQL, `schema` names the database's schema that kbstore lives in; it is created
-    where it is missing. Raises `SchemaUnknown`, `SchemaTooNew` or `StoreUnavailable`, with nothing changed.
+    if it is missing. Raises `SchemaUnknown`, `SchemaTooNew` or `StoreUnavailable`, with nothing changed.
     """
     return _migrate(url, revision, schema, backup=backup, down=False)
 
 
 def downgrade(url: Store, revision: str, *, backup: bool = True, schema: str | None = None) -> Migrated:
-    """Bring the schema back to an earlier revision; like `upgrade` in all else. "base" drops all that was stored."""
+    """Bring the schema back to an earlier revision; otherwise like `upgrade`. "base" drops all data."""
     return _migrate(url, revision, schema, backup=backup, down=True)
 
 
 def in_schema(url: Store, schema: str) -> URL:
-    """A URL whose connections find the tables of a schema in a PostgreSQL database: for what is not kbstore."""
+    """Return a URL, for programs other than kbstore, whose connections have a PostgreSQL schema as search path."""
     engine = make_engine(url)
     refuse_schema(engine.url, schema)
     name = engine.dialect.identifier_preparer.quote_identifier(schema).replace("\\", "\\\\").replace(" ", "\\ ")
@@ -213,7 +212,7 @@ def _is_empty(connection: sa.Connection, stamps: Sequence[str] | None, schema: s
 
 
 def _refuse_another(connection: sa.Connection, schema: str | None) -> None:
-    """Raise `SchemaUnknown` where a database has our revision, and not what the migrations make of it."""
+    """Raise `SchemaUnknown` if a database has our revision, but not the schema that the migrations make."""
     engine = connection.engine
     if engine.dialect.name == "sqlite":
         if schema_objects.is_as_migrated(connection):
@@ -238,7 +237,7 @@ def _refuse_another(connection: sa.Connection, schema: str | None) -> None:
 
 
 def _refusal(engine: sa.Engine, stamps: Sequence[str] | None, schema: str | None) -> KbStoreError:
-    """Why a database that does not have this kbstore's schema cannot be used, and the command that helps."""
+    """Return the error for a database without this kbstore's schema, with the command that helps."""
     store, command = _shown(engine), f"kbstore db upgrade --url {shlex.quote(_shown(engine))}"
     if schema is not None:
         command += f" --schema {shlex.quote(schema)}"
@@ -263,7 +262,7 @@ def _refusal(engine: sa.Engine, stamps: Sequence[str] | None, schema: str | None
 
 
 def _set_up(connection: sa.Connection, schema: str | None) -> None:
-    """Give an empty database its schema: in SQLite the migrations run once in a process."""
+    """Set up the schema in an empty database; on SQLite the migrations run only once in a process."""
     if connection.dialect.name != "sqlite":
         _run(connection, "head", schema)
         return
@@ -337,7 +336,7 @@ def _config() -> "Config":
 
 
 def _copied(path: Path, stamp: str) -> Path:
-    """A copy of an SQLite file, made beside it: whole, or not there at all."""
+    """Copy an SQLite file to a file beside it, completely or not at all, and return its path."""
     copy = path.with_name(f"{path.name}.{stamp}.{datetime.now(UTC):%Y%m%dT%H%M%S.%fZ}.backup")
     partial = copy.with_name(copy.name + ".partial")
     try:
@@ -353,7 +352,7 @@ def _copied(path: Path, stamp: str) -> Path:
 
 @contextmanager
 def _opened(url: Store, schema: str | None) -> Iterator[sa.Engine]:
-    """An engine of our own for a while, patient with whoever holds a lock."""
+    """Open an engine for a while that waits `_PATIENCE` seconds for locks."""
     engine = make_engine(url, busy_timeout=_PATIENCE)
     refuse_schema(engine.url, schema)
     try:
@@ -365,7 +364,7 @@ def _opened(url: Store, schema: str | None) -> Iterator[sa.Engine]:
 
 @contextmanager
 def _translating(engine: sa.Engine) -> Iterator[None]:
-    """The driver's errors, and those of the file system, as `StoreUnavailable`."""
+    """Raise the driver's errors, and those of the file system, as `StoreUnavailable`."""
     try:
         yield
     except (DBAPIError, sqlite3.Error, OSError) as error:

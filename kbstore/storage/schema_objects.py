@@ -1,9 +1,9 @@
-"""The objects of kbstore's schema in a database, compared with those that the migrations make.
+"""Compares the objects of kbstore's schema in a database with those that the migrations make.
 
-A store may come from elsewhere: a trigger would run with whoever writes, a view with whoever reads, and without an
-index no answer comes in time. On SQLite the statements that made the schema are compared by a hash, in one query; only
-where that differs are columns, keys, indexes and views compared one by one. On PostgreSQL the catalogue is asked. What
-is beside kbstore's tables is nobody's business here.
+A store may come from elsewhere: a trigger would run in everybody's writes, a view in everybody's reads, and without an
+index answers would take too long. On SQLite the statements that made the schema are compared by a hash, in one query;
+only if that differs, columns, keys, indexes and views are compared one by one. On PostgreSQL the catalogue is read.
+Objects that do not belong to kbstore's tables are ignored.
 """
 
 import re
@@ -40,7 +40,7 @@ _HASH = "b38b9be36e733ff8583ba7f333441cf40301b0502ec6e7ffc53d48a91945380e"
 
 
 def statements_hash(connection: sa.Connection) -> str:
-    """The hash of all statements that made what an SQLite file has of kbstore's schema, and what is attached to it."""
+    """Return a hash of the statements that made kbstore's tables in an SQLite file, and all that belongs to them."""
     rows = sorted("\0".join(map(str, row)) for row in _of_sqlite(connection))
     return sha256("\0".join(rows).encode()).hexdigest()
 
@@ -185,7 +185,7 @@ def _quoted(schema: str) -> str:
 
 
 def differences(found: set[str], expected: set[str]) -> str:
-    """Return what is missing and what is too much, in words; empty if nothing is."""
+    """Return in words which objects are missing or unexpected; empty if none are."""
     missing, more = sorted(expected - found), sorted(found - expected)
     parts = [f"it lacks {_listed(missing)}"] if missing else []
     parts += [f"it has {_listed(more)}"] if more else []

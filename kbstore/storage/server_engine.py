@@ -1,4 +1,4 @@
-"""SQLAlchemy engines for PostgreSQL: the parameters of a URL that are kbstore's own, and patience with a server.
+"""SQLAlchemy engines for PostgreSQL: kbstore's own parameters of a URL, and a deadline for silent servers.
 
 =====================  =========  ============================================================================
 parameter              default    what
@@ -34,7 +34,7 @@ from kbstore.errors import StoreUnavailable
 _POOL_SIZE = 15
 _LEAST_PATIENCE = 5.0
 _POOLED = "kbstore_is_pooled"
-"""The key of a connection's `info` under which that is known while it lasts."""
+"""The key of a connection's `info` under which the answer of `_is_pooled` is cached."""
 
 _SESSION = "SELECT pg_backend_pid(), CAST(current_setting('extra_float_digits') AS int)"
 
@@ -42,7 +42,7 @@ _OWN = ("answer_timeout", "notifications", "pool_size", "prepare_threshold", "sc
 
 
 def server_engine(url: URL, busy_timeout: float) -> Engine:
-    """An engine for a server, which pools nothing."""
+    """Return an engine for a server; it pools nothing."""
     arguments: dict[str, Any] = {"connect_timeout": connect_timeout(busy_timeout), "client_encoding": "utf8"}
     patience = answer_timeout(url, busy_timeout)
     if patience is not None:
@@ -73,9 +73,9 @@ def server_engine(url: URL, busy_timeout: float) -> Engine:
 
 
 def _is_pooled(driver: Any) -> bool:
-    """Return whether a pooler is between: the session that answers is not the one that greeted.
+    """Return whether a connection goes through a pooler: another session answers than the one that accepted it.
 
-    Raises `StoreUnavailable` where the server rounds the numbers that it gives.
+    Raises `StoreUnavailable` if the server rounds the numbers that it returns.
     """
     pid, digits = driver.execute(_SESSION, prepare=False).fetchone()
     if digits < 1:
@@ -87,7 +87,7 @@ def _is_pooled(driver: Any) -> bool:
 
 
 def refuse_bytes(driver: Any, store: str) -> None:
-    """Raise for a database without an encoding, or a connection with another one than UTF-8; the server has said so."""
+    """Raise `StoreUnavailable` for a database without an encoding, or a connection whose encoding is not UTF-8."""
     if driver.info.parameter_status("server_encoding") == "SQL_ASCII":
         raise StoreUnavailable(
             f"{store} has the encoding SQL_ASCII, in which text comes back as bytes; create a database for kbstore "
@@ -101,19 +101,19 @@ def refuse_bytes(driver: Any, store: str) -> None:
 
 
 def connect_timeout(busy_timeout: float) -> int:
-    """Seconds: a host that does not answer would be waited for as long as its network stack likes."""
+    """Return the seconds to wait for a connection, which the network stack would otherwise choose."""
     return max(2, int(busy_timeout))
 
 
 def answer_timeout(url: URL, busy_timeout: float) -> float | None:
-    """Seconds that a server may say nothing; None where it is waited for without an end."""
+    """Return the seconds for which a server may be silent; None: without a limit."""
     if "answer_timeout" in url.query:
         return _number(url, "answer_timeout", 1)
     return max(_LEAST_PATIENCE, busy_timeout)
 
 
 def pool_size(url: URL) -> int:
-    """The most connections that a process has to a server."""
+    """Return the most connections that a process has to a server."""
     return (_number(url, "pool_size", 1, or_none=False) if "pool_size" in url.query else None) or _POOL_SIZE
 
 
@@ -126,7 +126,7 @@ def wants_notifications(url: URL) -> bool:
 
 
 def _number(url: URL, name: str, least: int, *, or_none: bool = True) -> int | None:
-    """A number in a URL's query."""
+    """Return a number in a URL's query; None for ``none``. Raises `StoreUnavailable` for anything else."""
     text = url.query[name]
     if or_none and text == "none":
         return None
@@ -137,10 +137,10 @@ def _number(url: URL, name: str, least: int, *, or_none: bool = True) -> int | N
 
 
 def lend(connection: Connection, seconds: float | None) -> bool:
-    """Have a connection of the caller's wait and prepare as kbstore's own do, until `take_back`.
+    """Make a connection of the caller's wait and prepare statements as kbstore's own do, until `take_back`.
 
-    `seconds` is the deadline, None for none. Returns whether that has been done now, and is to be taken back. Raises
-    `StoreUnavailable` where the server rounds numbers, and the driver's errors.
+    `seconds` is the deadline, None for none. Returns whether `take_back` has to be called; it has not if the connection
+    was lent already. Raises `StoreUnavailable` if the server rounds numbers, and the driver's errors.
     """
     driver: Any = connection.connection.driver_connection
 
@@ -162,15 +162,15 @@ def lend(connection: Connection, seconds: float | None) -> bool:
 
 
 def take_back(driver: Any) -> None:
-    """Leave a connection of the caller's as it was before `lend`."""
+    """Restore a connection of the caller's to what it was before `lend`."""
     driver.prepare_threshold = driver.lent_threshold
     del driver.answer_timeout, driver.wait, driver.lent_threshold
 
 
 def _watched(driver: Any, gen: Any) -> Generator[Any, Any, Any]:
-    """One of psycopg's waits, which ends with an `OperationalError` when nothing has come for `answer_timeout`.
+    """Wrap one of psycopg's waits, to raise an `OperationalError` when nothing has come for `answer_timeout` seconds.
 
-    Silence counts, not the length of an answer: psycopg's wait is woken every 0.1 s that nothing came.
+    Only silence counts, however long an answer takes to arrive: psycopg wakes the wait after each 0.1 s of silence.
     """
     patience = driver.answer_timeout
     if patience is None:
@@ -196,7 +196,7 @@ def _watched(driver: Any, gen: Any) -> Generator[Any, Any, Any]:
 
 @cache
 def _patient() -> Any:
-    """A psycopg connection that gives a silent server up; made late, since psycopg is an extra."""
+    """Return the class of psycopg connections that give up a silent server; made late, since psycopg is an extra."""
     import psycopg
 
     class PatientConnection(psycopg.Connection):

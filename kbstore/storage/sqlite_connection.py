@@ -19,7 +19,7 @@ _LOG_LIMIT = 64 * 1024 * 1024
 
 
 _LOOK_AGAIN = 0.02
-"""The time for which a file that was deleted or replaced may still be read, in seconds; it is never written to."""
+"""The most seconds for which a file that was deleted or replaced may still be read; it is never written to."""
 
 
 class SqliteConnection(StoreConnection):
@@ -43,12 +43,12 @@ class SqliteConnection(StoreConnection):
     # -- settings ---------------------------------------------------------------------------------------------
 
     def configure(self) -> None:
-        """Set what kbstore needs; on a connection that is lent, what only a writer needs is set when one begins."""
+        """Set what kbstore needs; on a lent connection, the settings for writing follow when a writer begins."""
         settings: dict[str, Any] = {"busy_timeout": int(self.options.busy_timeout * 1000)}
         if self.options.read_only:
             settings["query_only"] = 1
         if not self._lent:
-            # functions in views of a file from elsewhere are not to be run
+            # trusted_schema: views of a file from elsewhere must not run functions
             settings |= self._for_writing() | {"cache_size": -65536, "trusted_schema": 0}
             settings["journal_size_limit"] = _LOG_LIMIT
         self._set(settings)
@@ -68,7 +68,7 @@ class SqliteConnection(StoreConnection):
             raise self._failure(error) from error
 
     def restore(self) -> None:
-        """Set back what was changed on a connection that is lent."""
+        """Restore the settings that were changed on a lent connection."""
         try:
             for name, value in self._before.items():
                 self._execute(f"PRAGMA {name} = {value}").fetchone()
@@ -76,9 +76,9 @@ class SqliteConnection(StoreConnection):
             self.is_lost = True
 
     def use_write_ahead_log(self) -> None:
-        """Readers and a writer don't wait for each other; a property of the file.
+        """Put the file into WAL mode, in which readers and a writer don't wait for each other.
 
-        Where several connections change it at once SQLite does not wait, in spite of its time-out.
+        If several connections do so at once, SQLite does not wait, in spite of its time-out; so it is tried again.
         """
         deadline = time.monotonic() + self.options.busy_timeout
         while True:
@@ -94,9 +94,9 @@ class SqliteConnection(StoreConnection):
     # -- statements -------------------------------------------------------------------------------------------
 
     def memory(self, kb: int) -> AnswerCache | None:
-        """The answers remembered on this connection, dropped first if another one has committed to `kb` since.
+        """Return the answers cached on this connection, cleared first if another one has committed to `kb` since.
 
-        None within a transaction. Right only where nobody else writes on this very connection. Source:
+        None within a transaction. Only valid if nobody else writes on this very connection. Source:
         https://www.sqlite.org/pragma.html#pragma_data_version
         """
         if self.in_transaction:
@@ -115,13 +115,13 @@ class SqliteConnection(StoreConnection):
         return self._memory
 
     def announce(self, kb: int, number: int) -> None:
-        """Tell nobody: who remembers answers asks SQLite."""
+        """Do nothing: caches of answers detect commits by SQLite's `data_version`."""
 
     def be_patient(self) -> None:
-        """A file has no deadline."""
+        """Do nothing: a file has no deadline."""
 
     def look_up(self, statement: Lookup, *parameters: int) -> SqlRow | None:
-        """The first row of a look-up, if any."""
+        """Return the first row of a look-up; None if there is none."""
         try:
             row: SqlRow | None = self._execute(statement.sqlite, parameters).fetchone()
         except self._error as error:
@@ -129,28 +129,28 @@ class SqliteConnection(StoreConnection):
         return row
 
     def stream(self, statement: Statement, parameters: Parameters) -> Iterator[SqlRow]:
-        """The rows one after another, without holding all of them in memory; within a transaction."""
+        """Yield the rows of a statement without holding all of them in memory; within a transaction."""
         try:
             yield from self._execute(statement.sqlite, parameters)
         except self._error as error:
             raise self._failure(error) from error
 
     def together(self) -> AbstractContextManager[None]:
-        """Nothing is sent anywhere."""
+        """Do nothing: there is no server to which statements would be sent together."""
         return nullcontext()
 
     def array(self, values: Sequence[Any]) -> str:
-        """A JSON array, which ``json_each`` reads."""
+        """Return a JSON array, which ``json_each`` reads."""
         return json.dumps(values)
 
     def bounds(self, values: Sequence[int | None]) -> str:
-        """The same for numbers."""
+        """Return a JSON array of numbers."""
         return json.dumps(values)
 
     # -- transactions -----------------------------------------------------------------------------------------
 
     def _beginning(self, *, write: bool) -> tuple[str, dict[str, Any]]:
-        """For writing, with the only write lock that SQLite has."""
+        """Return the statement that begins a transaction; for writing, it takes SQLite's single write lock."""
         if write and self._lent:
             self._set(self._for_writing())
         return "BEGIN IMMEDIATE" if write else "BEGIN", {}
@@ -173,7 +173,7 @@ class SqliteConnection(StoreConnection):
     # -- the file ---------------------------------------------------------------------------------------------
 
     def _open_file(self) -> str | None:
-        """The path of the file that SQLite has open; None where it has none."""
+        """Return the path of the file that SQLite has open; None in memory."""
         try:
             files = {name: path for _, name, path in self._execute("PRAGMA database_list").fetchall()}
         except self._error as error:
@@ -181,15 +181,15 @@ class SqliteConnection(StoreConnection):
         return files["main"] or None
 
     def database(self) -> object:
-        """The file; in memory, the one connection that there is."""
+        """Return the file, by device and inode; in memory, the identity of the connection."""
         return self.file or id(self.driver)
 
     def has_moved(self) -> bool:
-        """Return whether its file is not to be found any more where it was opened; SQLite would not notice."""
+        """Return whether its file is not any more at the path where it was opened, which SQLite does not notice."""
         return self.file is not None and self.file != file_at(self.path)
 
     def was_moved(self) -> bool:
-        """The same, looked for at most every `_LOOK_AGAIN` seconds, which takes less than a question."""
+        """Return the same as `has_moved`, looking at the file at most every `_LOOK_AGAIN` seconds to save time."""
         now = time.monotonic()
         if now < self._look_again:
             return False
@@ -199,9 +199,9 @@ class SqliteConnection(StoreConnection):
         return False
 
     def abandon(self, *, close: bool) -> None:
-        """In a forked child: leave the connection to the parent; `close` a file that nobody uses in this process.
+        """Leave the connection to the parent, in a forked child; with `close`, close its file in this process.
 
-        Closing is not to look after the log, which is the parent's.
+        Closing must not checkpoint the write-ahead log, which is the parent's.
         """
         if close and hasattr(self.driver, "setconfig"):
             # from Python 3.12 on
@@ -210,7 +210,7 @@ class SqliteConnection(StoreConnection):
 
 
 def file_at(path: str | None) -> tuple[int, int] | None:
-    """Which file is at a path now."""
+    """Return the file at a path, by device and inode; None if there is none."""
     if path is None:
         return None
     try:

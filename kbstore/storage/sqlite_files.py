@@ -1,4 +1,4 @@
-"""The files of an SQLite store: where they are, and how they are read where nothing can be written beside them."""
+"""The files of an SQLite store: their paths, and advice for files in folders that SQLite cannot write to."""
 
 import sqlite3
 from pathlib import Path
@@ -15,7 +15,7 @@ _IMMUTABLE = {"immutable": "1", "uri": "true"}
 
 
 def file_of(url: URL) -> Path | None:
-    """The file of an SQLite database; None in memory and for other databases."""
+    """Return the file of an SQLite database; None in memory and for other databases."""
     database = url.database
     if url.get_backend_name() != "sqlite" or database in (None, "", ":memory:") or url.query.get("mode") == "memory":
         return None
@@ -23,7 +23,7 @@ def file_of(url: URL) -> Path | None:
 
 
 def refuse_half(url: URL) -> None:
-    """Raise for a file that is to be read as immutable, and of which a part is in its write-ahead log."""
+    """Raise `StoreUnavailable` for a file to be read as immutable although a part of it is in a write-ahead log."""
     path = file_of(url)
     if path is not None and url.query.get("immutable", "0") not in ("0", "no", "off", "false") and _has_log(path):
         raise StoreUnavailable(
@@ -33,7 +33,7 @@ def refuse_half(url: URL) -> None:
 
 
 def way_out(url: URL, error: BaseException) -> str:
-    """What to do about a file that SQLite cannot open because it cannot write beside it; empty for other errors."""
+    """Return what to do about a file that SQLite cannot open as it cannot write beside it; empty for other errors."""
     path = file_of(url)
     if path is None or sqlite_code(error) not in _UNWRITABLE or not path.exists():
         return ""

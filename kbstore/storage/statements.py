@@ -1,8 +1,8 @@
 """SQL statements: SQLAlchemy Core constructs, compiled once for each dialect to the text that its driver takes.
 
 Statements run on the driver's own cursor (`kbstore.storage.connection`): executing a Core construct takes about 70
-microseconds, where looking one row up takes three. What Core has no construct for is here: arrays as parameters,
-and the index that SQLite is told to use.
+microseconds, where looking one row up takes three. Constructs that Core lacks are here: arrays as parameters, and
+hints that name the index for SQLite.
 """
 
 from collections.abc import Callable, Mapping
@@ -18,7 +18,7 @@ from sqlalchemy.sql.functions import FunctionElement
 
 
 class _Compiler(SQLiteCompiler):
-    """SQLite joins in the order in which it is written, and takes the index that a hint names over its own choice."""
+    """Makes SQLite join in the order in which joins are written, and use the index that a hint names."""
 
     # SQLite's own would write OFFSET, too
     limit_clause = SQLCompiler.limit_clause
@@ -43,7 +43,7 @@ _NAMED: Final = _dialects("named", "pyformat")
 _POSITIONAL: Final = _dialects("qmark", "format")
 
 Construct = sa.ClauseElement | Callable[[str], Any]
-"""A Core construct; or where the dialects need different ones, what makes it from the name of the dialect."""
+"""A Core construct; or, if the dialects need different ones, a function from the name of the dialect to one."""
 
 
 class Statement:
@@ -72,7 +72,7 @@ class Statement:
         return text
 
     def in_schema(self, schema: str) -> str:
-        """The text for psycopg, on the tables of a schema."""
+        """Return the text for psycopg, on the tables of a schema."""
         text = self._in_schemas.get(schema)
         if text is None:
             place = {"schema_translate_map": {None: schema}, "render_schema_translate": True}
@@ -83,7 +83,7 @@ class Statement:
         return self.core(dialect).compile(dialect=_NAMED[dialect], **place)
 
     def core(self, dialect: str) -> Any:
-        """The construct for a dialect."""
+        """Return the construct for a dialect."""
         made = self._construct
         return made if isinstance(made, sa.ClauseElement) else made(dialect)
 
@@ -108,11 +108,11 @@ class Lookup(Statement):
 
 
 class Batch(Statement):
-    """A statement that is run for many rows, given as sequences: a name for each value would cost half the time.
+    """A statement that is run for many rows, given as sequences, which takes less time than a name for each value.
 
     Attributes:
-        columns: the values of a row in their order, which are those that the statement sets in the order of the table,
-            and then those by which it finds the row.
+        columns: the names of a row's values in their order: first the columns that the statement sets, in the order of
+            the table, then those by which it finds the row.
     """
 
     __slots__ = ("columns",)
@@ -123,7 +123,7 @@ class Batch(Statement):
 
     @classmethod
     def adding(cls, table: sa.Table, *columns: str, ignoring: bool = False) -> "Batch":
-        """Add rows with some columns, or all; `ignoring` leaves rows alone that are there already."""
+        """Return a statement that adds rows with some columns, or all; with `ignoring`, existing rows are skipped."""
         return cls(
             lambda dialect: insert(dialect, table).on_conflict_do_nothing() if ignoring else table.insert().inline(),
             *(column.name for column in table.columns if not columns or column.name in columns),
@@ -131,7 +131,7 @@ class Batch(Statement):
 
     @classmethod
     def changing(cls, table: sa.Table, *columns: str, key: Mapping[str, str]) -> "Batch":
-        """Set columns of the rows with a key; `key` names its columns, and what their values are called."""
+        """Return a statement that sets columns of the rows with a key; `key` maps its columns to parameters."""
         which = sa.and_(*(table.c[column] == sa.bindparam(name) for column, name in key.items()))
         return cls(
             table.update().where(which).values({name: sa.bindparam(name) for name in columns}),
@@ -141,7 +141,7 @@ class Batch(Statement):
 
     @classmethod
     def deleting(cls, table: sa.Table, *, key: Mapping[str, str]) -> "Batch":
-        """Delete the rows with a key, which is as in `changing`."""
+        """Return a statement that deletes the rows with a key, which is as in `changing`."""
         which = sa.and_(*(table.c[column] == sa.bindparam(name) for column, name in key.items()))
         return cls(table.delete().where(which), *key.values())
 
@@ -152,12 +152,12 @@ class Batch(Statement):
 
 
 def insert(dialect: str, table: sa.Table) -> Any:
-    """An INSERT that can have an ON CONFLICT."""
+    """Return an INSERT that can have an ON CONFLICT."""
     return (sqlite if dialect == "sqlite" else postgresql).insert(table).inline()
 
 
 def parameter(name: str) -> sa.BindParameter[Any]:
-    """A parameter of a statement."""
+    """Return a named parameter of a statement."""
     return sa.bindparam(name)
 
 
@@ -166,12 +166,12 @@ KB: Final = parameter("kb")
 
 
 def between(column: Any, after: str = "after", upto: str = "upto") -> ColumnElement[bool]:
-    """After one number, and up to another."""
+    """Return the condition that a column is after one parameter, and up to another."""
     return sa.and_(column > parameter(after), column <= parameter(upto))
 
 
 def constant(number: int) -> ColumnElement[Any]:
-    """A number written into the text of the statement: the condition of a partial index is recognised by it."""
+    """Return a number as text in the statement: databases match the condition of a partial index by it."""
     return sa.literal_column(str(number))
 
 
@@ -197,11 +197,11 @@ def _unnest(element: _Array, compiler: Any, **options: Any) -> str:
 
 
 def each(dialect: str, name: str) -> Any:
-    """The numbers of an array parameter: a table with the columns `value` and `place`, from 0 on."""
+    """Return an array parameter of numbers as a table, and its columns: the value, and the place from 0 on."""
     if dialect == "sqlite":
         found = _Array(name).table_valued("value", "key", name="value")
         return found, found.c.value, found.c.key
-    # the column of a function is called as its table is
+    # PostgreSQL names the column of a function like its table
     found = _Array(name).table_valued("value", with_ordinality="ordinality", name="value")
     return found, found.c.value, found.c.ordinality - constant(1)
 
@@ -227,7 +227,7 @@ def _json_pairs_unnested(element: _Keys, compiler: Any, **options: Any) -> str:
 
 
 def each_pair(dialect: str, name: str) -> Any:
-    """The pairs of a parameter, which is a JSON array of arrays of two: a table, and its two columns."""
+    """Return a parameter, a JSON array of pairs of numbers, as a table, and its two columns."""
     found = _Keys(name).table_valued("value", name="value")
     if dialect == "sqlite":
         return found, *(sa.func.json_extract(found.c.value, sa.literal_column(f"'$[{n}]'")) for n in (0, 1))
@@ -235,9 +235,9 @@ def each_pair(dialect: str, name: str) -> Any:
 
 
 class among(ColumnElement[bool]):
-    """Whether a column has one of the values of an array parameter.
+    """The condition that a column has one of the values of an array parameter.
 
-    On SQLite that is an IN on purpose: a join gets a Bloom filter after ANALYZE, and the whole index is scanned.
+    On SQLite it is an IN on purpose: for a join SQLite would, after ANALYZE, build a Bloom filter and scan the index.
     """
 
     inherit_cache = False
@@ -268,7 +268,7 @@ def _is_any(element: among, compiler: Any, **options: Any) -> str:
 
 
 class vacuum(sa.ClauseElement):
-    """Giving the space of deleted rows of some tables back on PostgreSQL, which then knows their size, too."""
+    """A VACUUM ANALYZE of some tables on PostgreSQL: frees the space of deleted rows, and renews the statistics."""
 
     def __init__(self, *on: sa.Table) -> None:
         self.tables = on

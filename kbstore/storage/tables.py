@@ -3,8 +3,8 @@
 Five tables hold assertions, one for each type of knowledge; a row says that from `initial_time` until `end_time` this
 held on its timeline. A row's key is the transaction that recorded it and its place in that transaction (`seq`, counted
 from 0 over all five tables), so that it is the same in every store, archive and export. Rows are deleted by archiving
-only. They change when they end, and when they are retired: cancelled, superseded by late knowledge, or ended at the
-very time at which they began. `schedules` and `revisions` keep what the common row does not need.
+only, except derived ones. They change when they end, and when they are retired: cancelled, superseded by late
+knowledge, or ended at the very time at which they began. `schedules` and `revisions` have columns that few rows need.
 
 Each key, each foreign key and each index begins with the knowledge base, so that a store can be distributed by it.
 """
@@ -192,9 +192,9 @@ OWN = "own"
 
 
 def _assertions(name: str, *own: Column[object]) -> Table:
-    """A table of assertions: what all of them have, and its own columns.
+    """Return a table of assertions, with the common columns and its own.
 
-    On SQLite it has row ids: clustered by its key, it would read the state at a time in 1.3 times as long.
+    On SQLite it has row ids: if it were clustered by its key, reading the state at a time would take 1.3 times as long.
     """
     table = Table(
         name,
@@ -209,7 +209,7 @@ def _assertions(name: str, *own: Column[object]) -> Table:
         Column("ended_tx", BigInteger),
         # the transaction that took it out of what is known now: cancelled, superseded, or ended as it began
         Column("retired_tx", BigInteger),
-        # of a part that late knowledge left of another row: the transaction that first recorded it
+        # for a part that late knowledge left of another row: the transaction that first recorded it
         Column("told_tx", BigInteger),
         # where the interval tree keeps it (`kbstore.storage.interval_tree`); negative once it is retired
         Column("level", SmallInteger, nullable=False),
