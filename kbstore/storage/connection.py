@@ -313,6 +313,10 @@ class StoreConnection(ABC):
 
     # -- the connection ---------------------------------------------------------------------------------------
 
+    def is_settled(self) -> bool:
+        """Return whether nothing is under way, at the end of a use: no transaction, and no answer still to come."""
+        return True
+
     def is_alive(self) -> bool:
         """Return whether the connection can be used, as far as is known without waiting."""
         return not self.is_lost

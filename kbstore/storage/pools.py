@@ -53,6 +53,9 @@ class PooledConnections(Connections):
         if not connection.uses and connection in self._open:
             self._open.remove(connection)
             self._local.connection = None
+            if not connection.is_settled():
+                # an interrupt cut an answer off, which would be taken for that of the next statement
+                connection.is_lost = True
             self._return(connection)
 
     @abstractmethod

@@ -271,6 +271,12 @@ class PostgresqlConnection(StoreConnection):
         del error
         self.is_lost = self.is_lost or bool(self.driver.closed)
 
+    def is_settled(self) -> bool:
+        """Return whether nothing is under way, at the end of a use: no transaction, and no answer still to come."""
+        protocol = self.driver.pgconn
+        # both are 0 on a connection that is idle
+        return not protocol.transaction_status and not protocol.pipeline_status
+
     def is_alive(self) -> bool:
         """Return whether the connection can be used, as far as is known without waiting."""
         self.is_lost = self.is_lost or not is_connected(self.driver, self._error)
