@@ -154,7 +154,7 @@ def in_schema(url: Store, schema: str) -> URL:
 
 @contextmanager
 def connecting(engine: sa.Engine, *, existing: bool = False) -> Iterator[sa.Connection]:
-    """A connection whose driver begins and ends no transactions by itself; with `existing`, makes no new file."""
+    """Open a connection whose driver begins and ends no transactions by itself; with `existing`, create no file."""
     path = file_of(engine.url)
     if existing and path is not None and not path.exists():
         raise StoreUnavailable(

@@ -1,1 +1,1 @@
-"""Bags without ROS: recordings of PlanSys2 and ROSPlan become knowledge bases, and histories become MCAP files."""
+"""Bags, without ROS: imports recordings of PlanSys2 and ROSPlan, and exports histories as MCAP files."""

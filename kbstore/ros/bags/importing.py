@@ -1,4 +1,4 @@
-"""A bag becomes a knowledge base, with the bag's times."""
+"""Imports a bag into a knowledge base, with the bag's times."""
 
 import os
 from collections import Counter
@@ -76,7 +76,7 @@ def import_bag(
             raise InvalidKnowledge(f"{path} has topics of PlanSys2 or of ROSPlan, and no message on them")
         clock = ManualClock()
         name = name or _name(Path(os.path.abspath(path)))
-        # times are those of the bag, or an error; what a crash loses is imported again
+        # tolerance 0: a time that runs backwards is an error; durability normal: what a crash loses is imported again
         with kbstore.open(url, name, clock=clock, tolerance=0, durability="normal") as kb:
             before = _latest(kb, bag, first)
             if before is None and domain is None:
@@ -93,7 +93,7 @@ def _name(bag: Path) -> str:
 
 
 def _latest(kb: KnowledgeBase, bag: Bag, first: Recorded) -> Transaction | None:
-    """The last transaction of an import before; refuse the history of something else."""
+    """Return the last transaction of an earlier import; None if there is none. Refuse another history."""
     changes = list(kb.changes())
     if not changes:
         return None
@@ -133,10 +133,10 @@ class _Recorder:
             self._rosplan = RosplanMirror(kb, clock, before)
 
     def _learn(self, mirror: Mirror, domain: Domain) -> None:
-        """Infer types from all of the bag: what comes late may tell more than what comes first."""
+        """Infer types from the whole bag, as later messages may determine types that earlier ones leave open."""
         for found in self._bag.messages():
             message = found.message
-            # what does not fit the domain ends the import when its turn comes
+            # a message that does not fit the domain ends the import when it is recorded
             with suppress(KbStoreError):
                 if found.kind == "knowledge" and mirror.missing_types(message):
                     mirror.learn(message)
@@ -144,7 +144,7 @@ class _Recorder:
                     mirror.types.observe(domain.action(message.action), message.arguments)
 
     def record(self, progress: Progress | None) -> None:
-        """Record all messages that an import before has not recorded."""
+        """Record all messages that no earlier import has recorded."""
         done = 0
         for time, group in groupby(self._bag.messages(), key=lambda found: found.time):
             for found in _last_words(group):
@@ -178,12 +178,12 @@ class _Recorder:
             self._plansys2.actions_hub(message, time)
 
     def _has_started(self, time: int) -> bool:
-        """Return whether an import before has recorded a start since then."""
+        """Return whether an earlier import has recorded a start at a time or later."""
         return time <= self._since and any(run.started >= time for run in self._kb.runs(since=time))
 
 
 def _last_words(group: Iterable[Recorded]) -> Iterator[Recorded]:
-    """The messages of one time; of several snapshots, the last, which is all that holds from then on."""
+    """Yield the messages of one time; of several snapshots only the last, which holds from then on."""
     messages = list(group)
     snapshots = [index for index, found in enumerate(messages) if found.kind in ("knowledge", "problem")]
     for index, found in enumerate(messages):

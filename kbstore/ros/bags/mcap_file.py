@@ -1,4 +1,4 @@
-"""The record as an MCAP file of JSON messages, for Foxglove and Lichtblick. Needs the extra `bags`.
+"""Exports the record as an MCAP file of JSON messages, for Foxglove and Lichtblick. Needs the extra `bags`.
 
 The State Transitions panel shows ``/facts/robot_at/kenny.value``, ``/runs/drive/kenny.value`` and
 ``/objects/kenny.value``; the Plot panel ``/numbers/battery/kenny.value``. A topic is of a predicate, a function or an
@@ -134,7 +134,7 @@ class _Record:
         self._last = max(times, default=first) if last is None else last
 
     def events(self) -> Iterator[Event]:
-        """Everything."""
+        """Yield all events of the span."""
         yield from map(_transaction, self._transactions)
         yield from self._numbers([found for found in self._known if isinstance(found.item, Function)])
         spans = [*self._facts(), *self._objects(), *self._running()]
@@ -163,7 +163,7 @@ class _Record:
             yield _Span(_topic("runs", run.operator, run.arguments), start, end, "Run", run)
 
     def _within(self, found: Assertion) -> tuple[int, int | None]:
-        """The begin of an assertion within the span, and its end; None where that is open, or after the span."""
+        """Return the start of an assertion within the span, and its end; None if it is open, or after the span."""
         end = found.end_time
         return max(found.initial_time, self._first), None if end is None or end > self._last else end
 
@@ -215,7 +215,7 @@ class _Span:
 
 
 def _topic(kind: str, name: str, arguments: Sequence[str]) -> str:
-    """The topic of a symbol and its first argument."""
+    """Return the topic of a symbol and its first argument."""
     return "/".join(("", kind, name, *arguments[:1]))
 
 

@@ -1,4 +1,4 @@
-"""The messages of PlanSys2 and of ROSPlan in a bag: rosbag1, or rosbag2 in SQLite or MCAP. Needs the extra `bags`."""
+"""Reads PlanSys2's and ROSPlan's messages in a bag: rosbag1, or rosbag2 in SQLite or MCAP. Needs the extra `bags`."""
 
 import errno
 import os
@@ -29,7 +29,7 @@ KINDS = {
     "rosplan_dispatch_msgs/msg/ActionDispatch": "dispatch",
     "rosplan_dispatch_msgs/msg/ActionFeedback": "feedback",
 }
-"""The messages that say what holds or what is done, by their types."""
+"""The kinds of messages that report states or actions, by their types."""
 
 PLANSYS2 = frozenset(kind for name, kind in KINDS.items() if name.startswith("plansys2"))
 """The kinds of messages that PlanSys2 publishes; ROSPlan publishes the others."""
@@ -128,7 +128,7 @@ def opened(path: str | os.PathLike[str]) -> Iterator[Bag]:
 
 
 def _kind(connection: Any) -> str:
-    """Return the kind of a topic, empty for one that does not matter."""
+    """Return the kind of a topic's messages; empty for a topic that is not read."""
     if connection.msgtype == "std_msgs/msg/String" and connection.topic.rpartition("/")[2] == PROBLEM:
         return "problem"
     return KINDS.get(connection.msgtype, "")

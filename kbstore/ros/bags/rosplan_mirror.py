@@ -1,4 +1,4 @@
-"""A mirror of ROSPlan: the problems that it generated, and the actions that it dispatched, with their effects.
+"""Mirrors ROSPlan: records the problems that it generated, and the actions that it dispatched, with their effects.
 
 ROSPlan changes its knowledge base by services, which no bag has. What it publishes is the whole problem each time that
 it plans; between two of them, its action interface carries out the simple effects of each action, and so does this.
@@ -44,7 +44,7 @@ class RosplanMirror:
     def take(self, found: Recorded) -> None:
         """Take the next message of the bag, and record what it says unless it is recorded.
 
-        Raises `KbStoreError` where it does not fit the domain.
+        Raises `KbStoreError` if it does not fit the domain.
         """
         self._number += 1
         message = found.message
@@ -63,7 +63,7 @@ class RosplanMirror:
         return self._kb.transaction(client=found.sender or CLIENT, note=note)
 
     def _record_problem(self, text: str, found: Recorded) -> None:
-        """Make state, goal and metric what a problem says; its timed-initial knowledge is relative to its time."""
+        """Make state, goal and metric those of a problem; its timed-initial knowledge is relative to its time."""
         problem = read_problem(text, self._domain)
         with self._transaction(found, f"problem {problem.name}") as tx:
             tx.replace(*problem.instances, *problem.init)
