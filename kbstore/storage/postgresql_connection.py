@@ -7,7 +7,7 @@ qualified with it, instead of setting a search path.
 
 import json
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import contextmanager
 from operator import attrgetter
 from typing import Any
 
@@ -63,8 +63,6 @@ class PostgresqlConnection(StoreConnection):
         """The transactions that are to be committed, by knowledge base and number."""
         self._unheard: set[int] = set()
         """The knowledge bases to which nobody listens, or will until this transaction ends."""
-        self._pipeline: ExitStack | None = None
-        """Ends the pipeline of statements that were sent and are not answered yet."""
         self._patience: float | None = getattr(driver, "answer_timeout", None)
         self.lend(options)
 
@@ -127,33 +125,14 @@ class PostgresqlConnection(StoreConnection):
     def together(self) -> Iterator[None]:
         """Send the block's statements, which return nothing, together; raise their errors at the end.
 
-        In a transaction of kbstore's own, the end is the next statement, which is sent with them: usually COMMIT.
+        COMMIT is not among them: after the last answer psycopg may send a Flush, with which a pooler begins the next
+        transaction, and waits for its end.
         """
         try:
-            with ExitStack() as pipeline:
-                pipeline.enter_context(self.driver.pipeline())
+            with self.driver.pipeline():
                 yield
-                if not self._borrowed and self._executing is self.driver:
-                    self._pipeline = pipeline.pop_all()
         except self._error as error:
             raise self._failure(error) from error
-        if self._pipeline is not None:
-            self._execute, self._cursor = self._execute_with_them, self._cursor_after_them
-
-    def _execute_with_them(self, text: str, parameters: Parameters | None = None) -> Any:
-        with self._end_pipeline():
-            return self._execute(text, parameters)
-
-    def _cursor_after_them(self, name: str = "") -> Any:
-        self._end_pipeline().close()
-        return self._cursor(name=name)
-
-    def _end_pipeline(self) -> ExitStack:
-        """Return what ends the pipeline that `together` left open; from here on each statement is sent by itself."""
-        assert self._pipeline is not None
-        pipeline, self._pipeline = self._pipeline, None
-        self._execute, self._cursor = self.driver.execute, self.driver.cursor
-        return pipeline
 
     def array(self, values: Sequence[Any]) -> list[Any]:
         """Return an array parameter."""
@@ -214,9 +193,6 @@ class PostgresqlConnection(StoreConnection):
     def rollback(self) -> None:
         """Roll the transaction back; a connection that is lost has done so already."""
         self._forget_transaction()
-        if self._pipeline is not None:
-            with suppress(self._error):
-                self._end_pipeline().close()
         super().rollback()
 
     def _must_roll_back(self) -> bool:
