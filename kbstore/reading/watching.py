@@ -214,6 +214,7 @@ def _matching(change: Change, pattern: Knowledge, symbol_table: SymbolTable) -> 
         return [found for found in assertions if not found.is_goal and wanted.matches(found.item)]
 
     asserted, ended, cancelled = matching(change.asserted), matching(change.ended), matching(change.cancelled)
-    if not (asserted or ended or cancelled):
+    superseded = matching(change.superseded)
+    if not (asserted or ended or cancelled or superseded):
         return None
-    return replace(change, asserted=asserted, ended=ended, cancelled=cancelled)
+    return replace(change, asserted=asserted, ended=ended, cancelled=cancelled, superseded=superseded)

@@ -29,6 +29,29 @@ def test_a_watched_pattern_does_not_match_goals(kb):
     ]
 
 
+def test_a_watched_pattern_matches_what_is_superseded(kb, clock):
+    """Q6, L8: late knowledge that only supersedes is a change, and what it supersedes is matched like the rest."""
+    began = clock.now()
+    kb.add("(open wp0)", "(clean hall)", "(clean galley)")
+    clock.advance(seconds(10))
+    kb.remove("(open wp0)", "(clean ?)")
+    clock.advance(seconds(10))
+    watch = kb.watch("(open ?)", timeout=0.0)
+    kb.remove("(clean hall)", since=began, until=began + seconds(10))
+    late = kb.remove("(open wp0)", since=began, until=began + seconds(10))
+    with kb.transaction() as tx:
+        tx.remove("(clean galley)", since=began + seconds(1))
+        tx.add("(open wp0)", since=began + seconds(2), until=began + seconds(3))
+    assert [(change.number, *map(texts, (change.asserted, change.superseded))) for change in watch] == [
+        (late.number, [], ["(open wp0)"]),
+        (tx.result.number, ["(open wp0)"], []),
+    ]
+
+
+def texts(assertions):
+    return [str(found.item) for found in assertions]
+
+
 @pytest.mark.parametrize(
     "pattern",
     [
