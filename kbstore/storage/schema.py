@@ -77,11 +77,11 @@ def ensure(engine: sa.Engine, *, read_only: bool, schema: str | None = None) -> 
     (also for an empty database that is opened read-only), `SchemaTooNew` or `SchemaUnknown`.
     """
     with _translating(engine), connecting(engine, existing=read_only) as connection:
-        stamps = _stamps(connection, schema)
+        stamps = _revisions(connection, schema)
         if stamps == [HEAD]:
             _refuse_another(connection, schema)
             return
-        if not _is_empty(connection, stamps, schema) or read_only:
+        if stamps or read_only:
             raise _refusal(engine, stamps, schema)
         with _alembic:
             _set_up(connection, schema)
@@ -91,8 +91,8 @@ def current(url: Store, *, schema: str | None = None) -> str | None:
     """Return the revision of a store's schema; None if it has none yet."""
     schema = schema_of(parsed_url(url), schema)
     with _opened(url, schema) as engine, connecting(engine, existing=True) as connection:
-        stamps = _stamps(connection, schema)
-        if not _is_empty(connection, stamps, schema) and len(stamps or ()) > 1:
+        stamps = _revisions(connection, schema)
+        if stamps and len(stamps) > 1:
             raise _refusal(engine, stamps, schema)
         return stamps[0] if stamps else None
 
@@ -107,9 +107,8 @@ def check(url: Store, *, wait: float = 0, schema: str | None = None) -> None:
     while True:
         try:
             with _opened(url, schema) as engine, connecting(engine, existing=True) as connection:
-                stamps = _stamps(connection, schema)
+                stamps = _revisions(connection, schema)
                 if stamps != [HEAD]:
-                    _is_empty(connection, stamps, schema)
                     raise _refusal(engine, stamps, schema)
                 _refuse_another(connection, schema)
             return
@@ -179,36 +178,53 @@ def connecting(engine: sa.Engine, *, existing: bool = False) -> Iterator[sa.Conn
 # -- what a database has ------------------------------------------------------------------------------------------
 
 
+def _revisions(connection: sa.Connection, schema: str | None) -> list[str] | None:
+    """Return the version table's rows: one revision, unless something is wrong; None if there is no table.
+
+    Raises `SchemaUnknown` where another's tables have kbstore's names.
+    """
+    stamps = _stamps(connection, schema)
+    if not stamps:
+        taken = _taken(connection, schema)
+        # looked at again: another process may have set the store up since the first look
+        stamps = _stamps(connection, schema)
+        if taken and not stamps:
+            raise _taken_by_another(connection, taken)
+    return stamps
+
+
 def _stamps(connection: sa.Connection, schema: str | None) -> list[str] | None:
-    """Return the version table's rows: one revision, unless something is wrong; None if there is no table."""
+    """Return the version table's rows; None if there is no table."""
+    read = sa.select(sa.table(VERSION_TABLE, sa.column("version_num"), schema=schema))
     try:
-        table = sa.table(VERSION_TABLE, sa.column("version_num"), schema=schema)
-        return list(connection.execute(sa.select(table)).scalars())
+        return list(connection.execute(read).scalars())
     except DBAPIError as error:
-        if error.connection_invalidated or sa.inspect(connection).has_table(VERSION_TABLE, schema=schema):
+        if error.connection_invalidated:
             raise
-        return None
+        # the table may have come just now; if there is another reason, it is raised again
+        has_table = sa.inspect(connection).has_table(VERSION_TABLE, schema=schema)
+        return list(connection.execute(read).scalars()) if has_table else None
 
 
-def _is_empty(connection: sa.Connection, stamps: Sequence[str] | None, schema: str | None) -> bool:
-    """Return whether there is nothing of kbstore's yet; raises `SchemaUnknown` where its names are taken by another."""
-    if stamps:
-        return False
+def _taken(connection: sa.Connection, schema: str | None) -> list[str]:
+    """Return the names of kbstore's tables and views that a database has."""
     inspector = sa.inspect(connection)
     names = {*inspector.get_table_names(schema=schema), *inspector.get_view_names(schema=schema)}
-    taken = sorted(names & {*tables.metadata.tables, *VIEWS})
-    if taken:
-        way_out = (
-            "rename them, or give kbstore a file of its own"
-            if connection.dialect.name == "sqlite"
-            else "give kbstore a schema of its own in that database: kbstore.open(..., schema='kbstore'), or "
-            "kbstore db upgrade --schema kbstore"
-        )
-        raise SchemaUnknown(
-            f"{_shown(connection.engine)} has tables of somebody else with names that kbstore needs: "
-            f"{', '.join(taken)}; {way_out}"
-        )
-    return True
+    return sorted(names & {*tables.metadata.tables, *VIEWS})
+
+
+def _taken_by_another(connection: sa.Connection, taken: Sequence[str]) -> SchemaUnknown:
+    """Return the error for a database without a version table in which kbstore's names are taken."""
+    way_out = (
+        "rename them, or give kbstore a file of its own"
+        if connection.dialect.name == "sqlite"
+        else "give kbstore a schema of its own in that database: kbstore.open(..., schema='kbstore'), or "
+        "kbstore db upgrade --schema kbstore"
+    )
+    return SchemaUnknown(
+        f"{_shown(connection.engine)} has tables of somebody else with names that kbstore needs: {', '.join(taken)}; "
+        f"{way_out}"
+    )
 
 
 def _refuse_another(connection: sa.Connection, schema: str | None) -> None:
@@ -302,9 +318,9 @@ def _run(
         # called under the write lock: what is read and copied here is what the steps will find
         nonlocal before, copy
         before = stamps
-        if not _is_empty(connection, stamps, schema) and not set(stamps) <= {
-            f"{n:04}" for n in range(1, int(HEAD) + 1)
-        }:
+        if not stamps and (taken := _taken(connection, schema)):
+            raise _taken_by_another(connection, taken)
+        if not set(stamps) <= {f"{n:04}" for n in range(1, int(HEAD) + 1)}:
             raise _refusal(engine, stamps, schema)
         steps = scripts._downgrade_revs(revision, stamps) if down else scripts._upgrade_revs(revision, stamps)
         path = file_of(engine.url)

@@ -29,6 +29,23 @@ def test_an_empty_database_is_set_up(engine):
     assert rows_0001.objects(engine) == before
 
 
+@pytest.mark.parametrize("place", [(schema, "_taken"), (sa, "inspect")])
+def test_a_database_that_another_process_sets_up_meanwhile(engine, monkeypatch, place):
+    """Whichever look at it comes after that, it is opened like one that was there."""
+    owner, name = place
+    look = getattr(owner, name)
+
+    def looking(*arguments):
+        monkeypatch.undo()
+        schema.upgrade(engine.url)
+        return look(*arguments)
+
+    monkeypatch.setattr(owner, name, looking)
+    schema.ensure(engine, read_only=False)
+    assert getattr(owner, name) is look
+    assert schema.current(engine.url) == schema.HEAD
+
+
 @pytest.fixture(params=["memory", "file"])
 def new_engine(request, tmp_path):
     """Makes engines on empty SQLite databases."""
