@@ -58,6 +58,12 @@ def pytest_collection() -> Generator[None, object, object]:
         gc.enable()
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_sessionfinish() -> None:
+    """Take them back in: Hypothesis looks for what refers to an object when it is loaded, which may be at the end."""
+    gc.unfreeze()
+
+
 _HASTY = {"fsync": "off", "synchronous_commit": "off", "full_page_writes": "off"}
 """Settings of a server that lives for one session: what it had written is lost with the machine, not with a process."""
 

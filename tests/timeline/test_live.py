@@ -28,7 +28,7 @@ def live(browser, store):
         browser.visit(address)
         yield browser, kb
         assert browser.errors() == []
-        asked = {each for each in browser.requested() if not each.startswith(("data:", "about:"))}
+        asked = {each for each in browser.requested() if not each.startswith(("data:", "about:", "chrome:"))}
         assert {each.split("/")[2] for each in asked} == {address.split("/")[2]}
         browser.visit("about:blank")
 
