@@ -54,6 +54,8 @@ class Scratch:
         self._target.put_head(head)
         for index in _INDEXES:
             self.connection.driver.execute(index)
+        # without figures SQLite takes a knowledge base for ten rows, and looks through all of it for each row
+        self.connection.driver.execute("ANALYZE")
 
     def source(self) -> RowSource:
         """Return a source of all rows, to be copied."""

@@ -9,6 +9,7 @@ import pytest
 
 import kbstore
 from kbstore import HistoryUnavailable, InvalidKnowledge, InvalidTime, KbStoreError, ManualClock, seconds
+from kbstore.transfer.scratch import Scratch
 from tests.storage import test_invariants as rooms
 from tests.storage.invariants import violations
 from tests.transfer import random_histories as yard
@@ -37,6 +38,26 @@ def lived(path, seed):
             with suppress(HistoryUnavailable, InvalidTime):
                 kb.archive(clock.now() - seconds(chance.choice((0, 1, 3, 9))), archive)
     return archive if archive.exists() else None
+
+
+def test_each_row_is_checked_by_an_index(tmp_path, monkeypatch):
+    """No check looks through the whole knowledge base for each of its rows: 200,000 timelines would take an hour."""
+    plans = []
+    rows = Scratch.rows
+
+    def explained(scratch, statement, **parameters):
+        plan = scratch.connection.driver.execute(f"EXPLAIN QUERY PLAN {statement.sqlite}", {"kb": 1, **parameters})
+        plans.extend(line[3] for line in plan)
+        return rows(scratch, statement, **parameters)
+
+    with kbstore.open(tmp_path / "store.db", "large") as kb:
+        kb.add(*(f"r{number} - robot" for number in range(300)), *(f"(at r{number})" for number in range(300)))
+    text = exported(tmp_path / "store.db", "large")
+    monkeypatch.setattr(Scratch, "rows", explained)
+    kbstore.import_knowledge_base(tmp_path / "copy.db", io.BytesIO(text))
+    within = [line for line in plans if line.startswith("SEARCH other USING")]
+    assert len(within) > 10
+    assert [line for line in within if line.count("=?") < 2] == []
 
 
 @pytest.mark.parametrize("seed", [21, 22, 23, 26, 27])
