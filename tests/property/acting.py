@@ -33,13 +33,11 @@ class ActingAgreement:
         clock: its clock.
         domain, actions: loaded first.
         sensed: the names of what is sensed.
-        every: see the fixture.
     """
 
-    def __init__(self, kb, clock, domain, actions, *, sensed=frozenset(), every=1):
+    def __init__(self, kb, clock, domain, actions, *, sensed=frozenset()):
         self.kb = kb
         self.clock = clock
-        self.every = every
         self.reference = Reference(kb.use_unknowns)
         self.runs = {}
         self.transactions = []
@@ -90,7 +88,6 @@ class ActingAgreement:
         """Compare the states at times as known now, and some of them, by a step, as of several transactions."""
         for at in times:
             self.compare(at)
-        step *= self.every
         for index, transaction in enumerate(self.transactions[:: max(1, len(self.transactions) // 3)]):
             for at in times[index % step :: step]:
                 self.compare(at, as_of=transaction.time)

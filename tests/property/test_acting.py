@@ -135,9 +135,9 @@ beginnings = st.tuples(st.booleans(), st.frozensets(st.sampled_from(["open", "ca
 class Acting(ActingAgreement):
     """A knowledge base and its reference, doing the same."""
 
-    def __init__(self, kb, clock, every, sensed):
+    def __init__(self, kb, clock, sensed):
         clock.set(BEGIN)
-        super().__init__(kb, clock, DOMAIN, ACTIONS, sensed=sensed, every=every)
+        super().__init__(kb, clock, DOMAIN, ACTIONS, sensed=sensed)
         for item in [
             *(Object("a", "tank"), Object("b", "tank"), Fact("calm"), Fact("open", ("a",))),
             *(Number("level", ("a",), 0.0), Number("level", ("b",), 2.0), Number("drift", (), 0.0)),
@@ -258,7 +258,7 @@ class Acting(ActingAgreement):
                 assert all(found.until is not None or other.ended is None for found in broken)
 
 
-def test_what_acts_in_the_store_and_in_the_reference(open_kb, every):
+def test_what_acts_in_the_store_and_in_the_reference(open_kb):
     """O3, O5 to O8, L6, L7, Q4, Q8: at every event, and one nanosecond to each side."""
 
     @settings(SETTINGS, max_examples=EXAMPLES or 15)
@@ -267,7 +267,7 @@ def test_what_acts_in_the_store_and_in_the_reference(open_kb, every):
         clock = kbstore.ManualClock(BEGIN)
         kb = open_kb(clock=clock, use_unknowns=beginning[0])
         try:
-            both = Acting(kb, clock, every, beginning[1])
+            both = Acting(kb, clock, beginning[1])
             for tick, step in story:
                 both.step(tick, *step)
             both.compare_everything()

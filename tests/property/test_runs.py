@@ -95,12 +95,11 @@ ticks = st.sampled_from([0, 1, 1, 2, 3, 4]).map(lambda halves: halves * HALF)
 
 
 class Missions(RuleBasedStateMachine):
-    """A knowledge base and its reference, doing the same; `every`: see the fixture."""
+    """A knowledge base and its reference, doing the same."""
 
-    def __init__(self, open_kb, every):
+    def __init__(self, open_kb):
         super().__init__()
         self.open_kb = open_kb
-        self.every = every
         self.clock = kbstore.ManualClock(4 * HALF)
         self.both = None
         self.sound = True
@@ -108,7 +107,7 @@ class Missions(RuleBasedStateMachine):
     @initialize(use_unknowns=st.booleans())
     def begin(self, use_unknowns):
         kb = self.open_kb(clock=self.clock, use_unknowns=use_unknowns)
-        self.both = ActingAgreement(kb, self.clock, DOMAIN, ACTIONS, every=self.every)
+        self.both = ActingAgreement(kb, self.clock, DOMAIN, ACTIONS)
         for item in [
             *(Object("r", "robot"), Object("s", "robot"), Object("a", "place"), Object("b", "place")),
             *(Fact("ready", ("r",)), Fact("ready", ("s",)), Fact("lit"), Fact("clean", ("b",))),
@@ -172,6 +171,6 @@ class Missions(RuleBasedStateMachine):
         return sorted({t - before for t in moments for before in (0, 1)})
 
 
-def test_missions_in_the_store_and_in_the_reference_agree(open_kb, every):
+def test_missions_in_the_store_and_in_the_reference_agree(open_kb):
     """O1 to O3, C7, C9, C12, L6, L7: starts, ends, aborts, contributions to rates, expectations, late knowledge."""
-    run_state_machine_as_test(lambda: Missions(open_kb, every), settings=SETTINGS)
+    run_state_machine_as_test(lambda: Missions(open_kb), settings=SETTINGS)
