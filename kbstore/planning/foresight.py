@@ -16,7 +16,7 @@ from kbstore.names import key
 from kbstore.planning.effects import Effects
 from kbstore.planning.grounding import GroundAction
 from kbstore.planning.rates import RunningAction
-from kbstore.planning.simulator import Event, Simulator
+from kbstore.planning.simulator import Simulator, TimelineEvent
 
 Break = tuple[Formula, Truth, int]
 """An over-all condition that is expected not to be true, its truth then, and the time from which on."""
@@ -72,7 +72,7 @@ class ExpectedTrajectory:
         self,
         span: Span,
         rows: Iterable[StateRow],
-        events: Iterable[Event],
+        events: Iterable[TimelineEvent],
         domain: Domain,
         use_unknowns: bool,
     ) -> None:

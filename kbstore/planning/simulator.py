@@ -25,7 +25,7 @@ from kbstore.planning.rates import RunningAction, is_moving, rates, value_at_end
 Mentions = Callable[[Timeline, Value], Sequence[str]]
 
 
-class Event(NamedTuple):
+class TimelineEvent(NamedTuple):
     """A change of a timeline at a time: the value from then on, None where nothing holds any more.
 
     `run` is the action whose expected end it is an effect of.
@@ -85,7 +85,7 @@ class Simulator:
         """The rows that hold at the time up to which was played."""
         return list(self._holding.values())
 
-    def advance(self, until: int) -> Iterator[Event]:
+    def advance(self, until: int) -> Iterator[TimelineEvent]:
         """Play forward to a time, inclusive, and yield the changes in order."""
         if self._is_first:
             self._is_first = False
@@ -105,7 +105,7 @@ class Simulator:
                     if entry in self.running:
                         yield from self._end(entry)
 
-    def _take_effect(self, timeline: Timeline, initial_time: int, value: Value) -> Iterator[Event]:
+    def _take_effect(self, timeline: Timeline, initial_time: int, value: Value) -> Iterator[TimelineEvent]:
         if timeline.kind is KnowledgeType.FUNCTION:
             value = self._with_rate(timeline, value)
         before = self._holding.get(timeline.identity)
@@ -116,18 +116,18 @@ class Simulator:
             for mentioning, _, value in self.rows:
                 if name in self._mentions(mentioning, value):
                     del self._holding[mentioning.identity]
-                    yield Event(self._now, mentioning, None)
+                    yield TimelineEvent(self._now, mentioning, None)
             if not self._recorded:
                 for entry in [entry for entry in self.running if name in map(key, entry.run.arguments)]:
                     yield from self._stop(entry)
 
-    def _put(self, timeline: Timeline, value: Value, run: Run | None = None) -> Event:
+    def _put(self, timeline: Timeline, value: Value, run: Run | None = None) -> TimelineEvent:
         self._holding[timeline.identity] = (timeline, self._now, value)
-        return Event(self._now, timeline, value, run)
+        return TimelineEvent(self._now, timeline, value, run)
 
     # -- rates ------------------------------------------------------------------------------------------------
 
-    def _follow(self, run: Run | None = None) -> Iterator[Event]:
+    def _follow(self, run: Run | None = None) -> Iterator[TimelineEvent]:
         """Compute the rates of running actions anew; a function with another rate than before goes on from its value.
 
         A function whose rate has no value any more becomes undefined until it is set (rule O5).
@@ -143,7 +143,7 @@ class Simulator:
             added = self._added.get(function, 0.0)
             if added is None and before is not None and before.get(function, 0.0) is not None:
                 del self._holding[timeline.identity]
-                yield Event(self._now, timeline, None, run)
+                yield TimelineEvent(self._now, timeline, None, run)
             elif value[3] != value[2] + (added or 0.0):
                 number = number_at(value, since, self._now)
                 yield self._put(timeline, (False, number, value[2], value[2] + (added or 0.0)), run)
@@ -171,7 +171,7 @@ class Simulator:
 
     # -- runs -------------------------------------------------------------------------------------------------
 
-    def _end(self, entry: RunningAction) -> Iterator[Event]:
+    def _end(self, entry: RunningAction) -> Iterator[TimelineEvent]:
         """Carry out the at-end effects of a run at its expected end, on the state expected then.
 
         If they cannot be carried out, the action is expected to be aborted.
@@ -201,7 +201,7 @@ class Simulator:
         unwritten = [change for change in changes if change[0].keys[0] in sensed]
         return [(timeline, self._now, value or fact_value(is_negative=True)) for timeline, value in unwritten]
 
-    def _put_changes(self, changes: Iterable[tuple[Timeline, Value | None]], run: Run) -> Iterator[Event]:
+    def _put_changes(self, changes: Iterable[tuple[Timeline, Value | None]], run: Run) -> Iterator[TimelineEvent]:
         for timeline, value in changes:
             row = self._holding.get(timeline.identity)
             if timeline.kind is KnowledgeType.FACT and row is not None and value == row[2]:
@@ -212,7 +212,7 @@ class Simulator:
                     value = self._with_rate(timeline, value)  # noqa: PLW2901 - other runs still move it
                 yield self._put(timeline, value, run)
             elif self._holding.pop(timeline.identity, None) is not None:
-                yield Event(self._now, timeline, None, run)
+                yield TimelineEvent(self._now, timeline, None, run)
 
     def _end_effects(self, entry: RunningAction) -> Iterator[tuple[Timeline, Value | None]]:
         assert self.domain is not None
@@ -248,7 +248,7 @@ class Simulator:
         """The name of an object that exists, as first written."""
         return self._holding[Identity(Role.STATE, KnowledgeType.INSTANCE, name)][0].spelling
 
-    def _stop(self, entry: RunningAction) -> Iterator[Event]:
+    def _stop(self, entry: RunningAction) -> Iterator[TimelineEvent]:
         """End a run's contributions to rates; the functions that it moved go on without them."""
         last = rates([entry], self._snapshot()) if is_moving(entry.run.operator, self.domain) else {}
         self.running.remove(entry)

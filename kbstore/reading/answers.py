@@ -76,7 +76,7 @@ class Computed(NamedTuple, Generic[_Value]):
     until: int
 
 
-class _Form(NamedTuple):
+class _QuestionKind(NamedTuple):
     """What differs between conditions and expressions.
 
     Attributes:
@@ -104,8 +104,8 @@ class Answers:
         self._domains = reader.domains
         self._clock = clock
         self._remembers = caching and reader.database.can_remember
-        self._conditions = _Form(questions.conditions, questions.condition, "truths")
-        self._expressions = _Form(questions.expressions, questions.expression, "values")
+        self._conditions = _QuestionKind(questions.conditions, questions.condition, "truths")
+        self._expressions = _QuestionKind(questions.expressions, questions.expression, "values")
 
     def truth(self, question: Question, at: TimeLike | None = None, as_of: AsOf | None = None) -> Truth:
         """Return the truth value of a condition at a time, as of another."""
@@ -167,7 +167,7 @@ class Answers:
         found = self._conditions.prepared.get(key) or self._expressions.prepared.get(key)
         return self._database.is_local and self._remembers and found is not None and found.key is not None
 
-    def _ask(self, form: _Form, question: Question, at: TimeLike | None, as_of: AsOf | None) -> Truth | float:
+    def _ask(self, form: _QuestionKind, question: Question, at: TimeLike | None, as_of: AsOf | None) -> Truth | float:
         name = question if type(question) is str else question_key(question)
         connection = self._database.checkout()
         try:
@@ -247,7 +247,7 @@ class Answers:
         return t, end_time, answer
 
     def _from_state(
-        self, form: _Form, question: Question, at: TimeLike | None, as_of: AsOf | None, *, look_ahead: bool
+        self, form: _QuestionKind, question: Question, at: TimeLike | None, as_of: AsOf | None, *, look_ahead: bool
     ) -> _Found:
         """Evaluate the question, on as much of the state as it reads."""
         reader = self._reader

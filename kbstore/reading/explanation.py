@@ -15,7 +15,7 @@ from kbstore.model.symbols import SymbolTable
 from kbstore.model.timelines import EndCause, Identity, Role, atom_key
 from kbstore.names import is_wildcard, key
 from kbstore.pddl.printer import condition_text
-from kbstore.planning.simulator import Event
+from kbstore.planning.simulator import TimelineEvent
 from kbstore.reading.history import History
 from kbstore.reading.questions import Question
 from kbstore.reading.reader import Reader
@@ -213,7 +213,7 @@ class Explainer:
         absent = "never told" if kind is KnowledgeType.FACT else "undefined function"
         return self._of_row(repository, state, text, truth, self._rows(repository, state, kind, name), absent)
 
-    def _expected(self, repository: Repository, state: Explained, identity: Identity) -> Event | None:
+    def _expected(self, repository: Repository, state: Explained, identity: Identity) -> TimelineEvent | None:
         """Return the last expected change of a timeline up to the state's time; None if there is none (rule O3)."""
         head = repository.head()
         belief = state.belief or LogPosition(self._reader.resolver.now(head))

@@ -109,9 +109,9 @@ class Reader:
         self._states.clear()
         self.database.forget_answers()
 
-    def repository(self) -> "_Snapshot":
+    def repository(self) -> "_SnapshotRepository":
         """Open the knowledge base on one snapshot of the store, as a context manager."""
-        return _Snapshot(self)
+        return _SnapshotRepository(self)
 
     def symbol_table(self, repository: Repository, head: Head, position: LogPosition) -> SymbolTable:
         """Return the symbols known at a position in the log."""
@@ -245,7 +245,7 @@ class Reader:
         return StateData(Snapshot(t, rows, domain, self.use_unknowns), pending, running)
 
 
-class _Snapshot:
+class _SnapshotRepository:
     """`Reader.repository`, as a class: a generator would take a microsecond of each question."""
 
     __slots__ = ("_context", "_reader")

@@ -25,7 +25,7 @@ from kbstore.model.symbols import SymbolTable
 from kbstore.model.timelines import Identity, Role, Timeline, Value, atom_key
 from kbstore.names import key
 from kbstore.pddl.printer import condition_text
-from kbstore.planning.simulator import Event
+from kbstore.planning.simulator import TimelineEvent
 from kbstore.reading.prepared import PreparedCondition
 from kbstore.reading.questions import Question
 from kbstore.reading.reader import Reader
@@ -189,9 +189,9 @@ class StoredTrajectory:
         )
 
     @cached_property
-    def _expected(self) -> dict[Identity, list[Event]]:
+    def _expected(self) -> dict[Identity, list[TimelineEvent]]:
         """The changes that are expected after now, by timeline."""
-        found: dict[Identity, list[Event]] = defaultdict(list)
+        found: dict[Identity, list[TimelineEvent]] = defaultdict(list)
         if self._projects:
             state = self._reader.state(self._repository, self._point)
             for event in state.projection().advance(self.span[1]):

@@ -5,10 +5,10 @@ import io
 from typing import Any
 
 from kbstore.errors import MissingLibrary
-from kbstore.report.relations import Kind, Relation
+from kbstore.report.relations import DataTable, Kind
 
 
-def arrow_table(found: Relation) -> Any:
+def arrow_table(found: DataTable) -> Any:
     """Return a relation as a `pyarrow.Table`: times as ``timestamp[ns, UTC]``, None as null.
 
     Raises `MissingLibrary` if pyarrow is not installed.
@@ -27,7 +27,7 @@ def arrow_table(found: Relation) -> Any:
     return pa.Table.from_arrays(arrays, schema=schema)
 
 
-def parquet_bytes(found: Relation) -> bytes:
+def parquet_bytes(found: DataTable) -> bytes:
     """Return a relation as the bytes of a Parquet file, with times to the nanosecond. Raises `MissingLibrary`."""
     file = io.BytesIO()
     table = arrow_table(found)

@@ -31,7 +31,7 @@ class Kind(StrEnum):
 
 
 @dataclass(frozen=True)
-class Relation:
+class DataTable:
     """Named columns, each of one kind, and rows; an empty cell is None."""
 
     columns: tuple[tuple[str, Kind], ...]
@@ -94,7 +94,7 @@ def relation(
     since: TimeLike | None = None,
     until: TimeLike | None = None,
     as_of: AsOf | None = None,
-) -> Relation:
+) -> DataTable:
     """Read facts, numbers, runs or transactions of a span; arguments and errors are those of `KnowledgeBase.frame`."""
     if of not in COLUMNS:
         raise InvalidKnowledge(f"there is no table {of!r:.80}; give one of {', '.join(COLUMNS)}")
@@ -111,10 +111,10 @@ def relation(
         rows = _facts(found) if of == "facts" else _numbers(found)
         if pattern is not None:
             _refuse_others(pattern, found, of)
-    return Relation(COLUMNS[of], list(rows))
+    return DataTable(COLUMNS[of], list(rows))
 
 
-def csv_text(found: Relation) -> str:
+def csv_text(found: DataTable) -> str:
     """Return a relation as CSV (RFC 4180) with headings: times as ISO 8601 with nine decimals, nothing for None."""
     file = io.StringIO()
     out = csv.writer(file)

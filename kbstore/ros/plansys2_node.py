@@ -23,7 +23,7 @@ from kbstore.ros.joint_domain import joint_domain
 from kbstore.ros.plansys2_domain import DomainExpert
 from kbstore.ros.plansys2_problem import ProblemExpert
 from kbstore.ros.plansys2_service import Expert
-from kbstore.ros.ros2_node import NodeClock, quick_executor, spin
+from kbstore.ros.ros2_node import Ros2Clock, quick_executor, spin
 
 DEPTH = 100
 """The number of messages of a topic that wait for a slow subscriber."""
@@ -125,7 +125,7 @@ class ExpertNode(LifecycleNode, ABC):  # type: ignore[misc]
     def _open(self) -> KnowledgeBase:
         if not self.text("url"):
             raise StoreUnavailable("which store? name it with --url FILE (or a SQLAlchemy URL), or the parameter url")
-        clock = NodeClock(self)
+        clock = Ros2Clock(self)
         clock.wait()
         kb = kbstore.open(self.text("url"), self.text("kb"), clock=clock)
         if self.text("model_file"):

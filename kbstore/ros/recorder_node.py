@@ -22,7 +22,7 @@ from kbstore.errors import ClockJumped, ClockWentBackwards, KbStoreError, StoreU
 from kbstore.knowledge_base import KnowledgeBase
 from kbstore.ros.joint_domain import joint_domain
 from kbstore.ros.mirror import Mirror
-from kbstore.ros.ros2_node import NodeClock, quick_executor, spin
+from kbstore.ros.ros2_node import Ros2Clock, quick_executor, spin
 
 NAME = "kbstore_recorder"
 
@@ -70,7 +70,7 @@ def run(url: str, kb: str, domain: str | None, problem: str | None, arguments: S
     clock = ManualClock()
     try:
         with kbstore.open(url, kb, clock=clock) as opened:
-            recorder = Recorder(node, opened, clock, domain, problem)
+            recorder = MessageRecorder(node, opened, clock, domain, problem)
             worker = threading.Thread(target=recorder.work, args=[executor.wake], name="recorder")
             worker.start()
             try:
@@ -86,7 +86,7 @@ def run(url: str, kb: str, domain: str | None, problem: str | None, arguments: S
         rclpy.try_shutdown()
 
 
-class Recorder:
+class MessageRecorder:
     """Receives messages in the executor's thread, and records them in a thread of its own (`work`)."""
 
     def __init__(
@@ -96,7 +96,7 @@ class Recorder:
         self._node, self._kb, self._clock = node, kb, clock
         self._domain, self._problem = domain, problem
         self._log = node.get_logger()
-        self._time = NodeClock(node)
+        self._time = Ros2Clock(node)
         self._ready = threading.Condition()
         self._waiting: deque[tuple[str, Any, int]] = deque()
         self._is_stopping = False

@@ -37,7 +37,7 @@ def spin(executor: Any, is_done: Callable[[], bool] = lambda: False) -> None:
         pass
 
 
-class NodeClock:
+class Ros2Clock:
     """The clock of a ROS 2 node: with `use_sim_time` the simulator's, otherwise the machine's."""
 
     def __init__(self, node: Any) -> None:

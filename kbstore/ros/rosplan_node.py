@@ -27,7 +27,7 @@ ANSWER = "GetAttributeServiceResponse"
 _MESSAGES = ("rosplan_knowledge_msgs.msg", "rosplan_knowledge_msgs.srv", "diagnostic_msgs.msg", "std_srvs.srv")
 
 
-class NodeClock:
+class Ros1Clock:
     """The clock of a ROS 1 node: the simulator's with ``use_sim_time``, otherwise the machine's."""
 
     def __init__(self, rospy: Any) -> None:
@@ -63,7 +63,7 @@ def run(url: str | None, kb: str | None, arguments: Sequence[str] = ()) -> None:
     place = url or rospy.get_param("~url", "")
     if not place:
         raise StoreUnavailable("which store? name it with --url FILE (or a SQLAlchemy URL), or the parameter ~url")
-    clock = NodeClock(rospy)
+    clock = Ros1Clock(rospy)
     clock.wait()
     name, use_unknowns = kb or rospy.get_param("~kb", "default"), rospy.get_param("~use_unknowns", None)
     with kbstore.open(place, name, clock=clock, use_unknowns=use_unknowns) as opened:
@@ -121,13 +121,13 @@ def _item(kind: Any) -> Any:
 def _answer(kind: Any) -> Any:
     """Return a subclass of a response that serializes item by item; genpy's writes all their fields each time."""
 
-    class Answer(kind):  # type: ignore[misc]
+    class ServiceAnswer(kind):  # type: ignore[misc]
         def serialize(self, buff: Any) -> None:
             buff.write(struct.pack("<I", len(self.attributes)))
             for item in self.attributes:
                 item.serialize(buff)
 
-    return Answer
+    return ServiceAnswer
 
 
 def _serve(rospy: Any, kb: KnowledgeBase, types: _Types) -> None:

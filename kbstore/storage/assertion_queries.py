@@ -12,7 +12,7 @@ from kbstore.storage import tables
 from kbstore.storage.interval_tree import EMPTY_LEVEL
 from kbstore.storage.statements import (
     KB,
-    Batch,
+    BulkStatement,
     Lookup,
     Statement,
     among,
@@ -417,45 +417,45 @@ class AssertionQueries:
     # -- writing ------------------------------------------------------------------------------------------------
 
     @cached_property
-    def add(self) -> Batch:
+    def add(self) -> BulkStatement:
         """Add rows."""
         columns = ("kb_id", "seq", "recorded_tx", "timeline_id", "initial_time", "end_time", "level")
-        return Batch.adding(self._table, *columns, *(column.name for column in self._value))
+        return BulkStatement.adding(self._table, *columns, *(column.name for column in self._value))
 
     @cached_property
-    def add_late(self) -> Batch:
+    def add_late(self) -> BulkStatement:
         """Add rows about the past, which may have ended."""
         columns = ("kb_id", "seq", "recorded_tx", "timeline_id", "initial_time", "end_time", "ended_tx", "told_tx")
         own = (column.name for column in self._value)
-        return Batch.adding(self._table, *columns, "level", "end_cause", *own)
+        return BulkStatement.adding(self._table, *columns, "level", "end_cause", *own)
 
     @cached_property
-    def end(self) -> Batch:
+    def end(self) -> BulkStatement:
         """End a row at a transaction's own time."""
         return self._update("end_time", "level", "ended_tx", "end_cause")
 
     @cached_property
-    def empty(self) -> Batch:
+    def empty(self) -> BulkStatement:
         """End a row at the time at which it began."""
         return self._update("end_time", "level", "ended_tx", "end_cause", "retired_tx")
 
     @cached_property
-    def delete(self) -> Batch:
+    def delete(self) -> BulkStatement:
         """Delete a derived row that lies ahead."""
-        return Batch.deleting(self._table, key=ROW)
+        return BulkStatement.deleting(self._table, key=ROW)
 
     @cached_property
-    def cancel(self) -> Batch:
+    def cancel(self) -> BulkStatement:
         """Cancel a row: it never takes effect."""
         return self._update("end_time", "level", "retired_tx")
 
     @cached_property
-    def supersede(self) -> Batch:
+    def supersede(self) -> BulkStatement:
         """Supersede a row: it stays as it was, but is not known any more."""
         return self._update("level", "retired_tx")
 
     @cached_property
-    def settle(self) -> Batch:
+    def settle(self) -> BulkStatement:
         """Set the derived end of a row."""
         return self._update("end_time", "level")
 
@@ -482,8 +482,8 @@ class AssertionQueries:
         """Return the initial times of the rows of a timeline that are known now."""
         return select(columns.initial_time).where(columns.kb_id == KB, which, columns.retired_tx.is_(None))
 
-    def _update(self, *names: str) -> Batch:
-        return Batch.changing(self._table, *names, key=ROW)
+    def _update(self, *names: str) -> BulkStatement:
+        return BulkStatement.changing(self._table, *names, key=ROW)
 
 
 def _greatest(column: Any) -> Any:

@@ -95,9 +95,9 @@ class Database:
         with self.connect() as connection:
             return connection.first(statement, parameters)
 
-    def read(self) -> "_Snapshot":
+    def read(self) -> "_ReadSnapshot":
         """Return a context manager of a connection on one snapshot; in a transaction of this thread, on that."""
-        return _Snapshot(self)
+        return _ReadSnapshot(self)
 
     @contextmanager
     def begin(self, borrowed: sa.Connection | None = None) -> Iterator[StoreConnection]:
@@ -175,7 +175,7 @@ class _Checkout:
         self._database.checkin(self._connection)
 
 
-class _Snapshot(_Checkout):
+class _ReadSnapshot(_Checkout):
     """`Database.read`, as a class for the same reason."""
 
     __slots__ = ("_has_begun",)

@@ -23,7 +23,7 @@ PATIENCE = 1.0
 """Seconds that a fork waits for other threads to leave SQLite, before it goes on regardless."""
 
 
-class Connections(Protocol):
+class ForkSafe(Protocol):
     """The connections to one database, by what a fork does with them."""
 
     def hold(self, deadline: float) -> bool:
@@ -36,7 +36,7 @@ class Connections(Protocol):
         """Leave the parent's connections, in the child; return False if inherited files could not be closed."""
 
 
-_databases: "weakref.WeakSet[Connections]" = weakref.WeakSet()
+_databases: "weakref.WeakSet[ForkSafe]" = weakref.WeakSet()
 _one_at_a_time = threading.Lock()
 
 
@@ -47,7 +47,7 @@ class _Fork:
     is_unsafe = False
 
 
-def register(database: Connections) -> None:
+def register(database: ForkSafe) -> None:
     """Register a database's connections, to be prepared when the process forks."""
     _databases.add(database)
 

@@ -13,7 +13,7 @@ from kbstore.clock import OPEN
 from kbstore.storage import tables
 from kbstore.storage.assertion_queries import HEAD_COLUMNS, ROW
 from kbstore.storage.notifications import hears_nobody
-from kbstore.storage.statements import KB, Batch, Statement, among, between, constant, insert, parameter
+from kbstore.storage.statements import KB, BulkStatement, Statement, among, between, constant, insert, parameter
 
 _directory, _heads, _transactions = tables.knowledge_bases.c, tables.heads.c, tables.transactions.c
 _domains, _symbols, _timelines, _mentions = tables.domains.c, tables.symbols.c, tables.timelines.c, tables.mentions.c
@@ -72,7 +72,7 @@ token = Statement(
 )
 """The token of a transaction."""
 
-add_transaction = Batch.adding(tables.transactions)
+add_transaction = BulkStatement.adding(tables.transactions)
 
 _transaction = select(
     _transactions.number, _transactions.recorded_time, _transactions.changes, _transactions.client, _transactions.note
@@ -124,7 +124,7 @@ domain_versions = Statement(
     .order_by(_domains.version)
 )
 
-add_domain = Batch.adding(tables.domains)
+add_domain = BulkStatement.adding(tables.domains)
 
 symbols = Statement(
     select(_symbols.knowledge_type, _symbols.key, _symbols.name, _symbols.arity, _symbols.labels).where(
@@ -169,11 +169,11 @@ timelines_mentioning = Statement(
     ).where(_mentions.kb_id == KB, among(_mentions.object_id, "ids"))
 )
 
-add_timeline = Batch.adding(tables.timelines)
+add_timeline = BulkStatement.adding(tables.timelines)
 
-add_mention = Batch.adding(tables.mentions, ignoring=True)
+add_mention = BulkStatement.adding(tables.mentions, ignoring=True)
 
-settle_rate = Batch.changing(tables.functions, "rate", key=ROW)
+settle_rate = BulkStatement.changing(tables.functions, "rate", key=ROW)
 """Set the derived rate of a scheduled value: its own rate, and what runs add to it."""
 
 # -- schedules and revisions ----------------------------------------------------------------------------------
@@ -197,7 +197,7 @@ pending_as_of = Statement(
         select(_revisions.knowledge_type, _revisions.recorded_tx, _revisions.seq).where(
             _revisions.kb_id == KB,
             between(_revisions.tx, "number", "latest"),
-            _revisions.what == constant(tables.Revision.CANCELLED),
+            _revisions.what == constant(tables.RevisionKind.CANCELLED),
             _revisions.recorded_tx <= parameter("number"),
         ),
     )
@@ -246,14 +246,14 @@ revisions = Statement(
 )
 """The changes of the transactions after :after and up to :upto to rows of a knowledge type."""
 
-add_schedule = Batch.adding(tables.schedules)
+add_schedule = BulkStatement.adding(tables.schedules)
 
-cancel_schedule = Batch.changing(tables.schedules, "until_time", "node", key=ROW)
+cancel_schedule = BulkStatement.changing(tables.schedules, "until_time", "node", key=ROW)
 
-delete_schedule = Batch.deleting(tables.schedules, key=ROW)
+delete_schedule = BulkStatement.deleting(tables.schedules, key=ROW)
 """Delete the row in `schedules` of a derived assertion that lies ahead."""
 
-add_revision = Batch.adding(tables.revisions)
+add_revision = BulkStatement.adding(tables.revisions)
 
 # -- runs -----------------------------------------------------------------------------------------------------
 
@@ -304,6 +304,8 @@ runs_numbered = Statement(
 
 run_numbered = Statement(_run_columns.where(_runs.number == parameter("number")))
 
-add_run = Batch.adding(tables.runs)
+add_run = BulkStatement.adding(tables.runs)
 
-end_run = Batch.changing(tables.runs, "end_time", "ended_tx", "node", "outcome", key={"kb_id": "kb", "number": "run"})
+end_run = BulkStatement.changing(
+    tables.runs, "end_time", "ended_tx", "node", "outcome", key={"kb_id": "kb", "number": "run"}
+)

@@ -12,7 +12,7 @@ from kbstore.storage.assertion_queries import HEAD_COLUMNS, for_kind
 from kbstore.storage.connection import StoreConnection
 from kbstore.storage.interval_tree import EMPTY_LEVEL, level, node, superseded
 from kbstore.storage.records import Head, LateAssertion, RowChanges, RunRow, StoredAssertion
-from kbstore.storage.tables import PRESENT_SCHEDULES, Revision
+from kbstore.storage.tables import PRESENT_SCHEDULES, RevisionKind
 
 _TOKEN_BITS = 62
 
@@ -98,10 +98,10 @@ class Recorder:
                 if row.initial_time < now:
                     ended.append((now, number, level(row.initial_time, now), int(cause), kb, row.recorded_tx, row.seq))
                     if row.end_time != OPEN:
-                        self._revise(kind, row, Revision.CUT_SHORT)
+                        self._revise(kind, row, RevisionKind.CUT_SHORT)
                 else:
                     emptied.append((now, number, number, EMPTY_LEVEL, int(cause), kb, row.recorded_tx, row.seq))
-                    self._revise(kind, row, Revision.EMPTIED)
+                    self._revise(kind, row, RevisionKind.EMPTIED)
             connection.many(statements.end, ended)
             connection.many(statements.empty, emptied)
         for kind, cancels in changes.cancels.items():
@@ -110,7 +110,7 @@ class Recorder:
                 assert row.recorded_time is not None
                 cancelled.append((row.initial_time, number, EMPTY_LEVEL, kb, row.recorded_tx, row.seq))
                 unscheduled.append((now, node(row.recorded_time, now), kb, row.recorded_tx, row.seq))
-                self._revise(kind, row, Revision.CANCELLED)
+                self._revise(kind, row, RevisionKind.CANCELLED)
             connection.many(for_kind[kind].cancel, cancelled)
             connection.many(queries.cancel_schedule, unscheduled)
         for kind, supersedes in changes.supersedes.items():
@@ -118,13 +118,13 @@ class Recorder:
             for row in supersedes:
                 was = level(row.initial_time, row.end_time)
                 superseding.append((number, superseded(was), kb, row.recorded_tx, row.seq))
-                self._revise(kind, row, Revision.SUPERSEDED)
+                self._revise(kind, row, RevisionKind.SUPERSEDED)
             connection.many(for_kind[kind].supersede, superseding)
         for kind, settles in changes.settles.items():
             settled = []
             for row, end in settles:
                 settled.append((end, level(row.initial_time, end), kb, row.recorded_tx, row.seq))
-                self._revise(kind, row, Revision.SETTLED)
+                self._revise(kind, row, RevisionKind.SETTLED)
             connection.many(for_kind[kind].settle, settled)
         self._change_rates(changes)
 
@@ -169,7 +169,7 @@ class Recorder:
         key = (self._kb, seq, self._number, new.timeline.id, start, end, ended_tx, new.first_recorded)
         return (*key, level(start, end), cause, *new.value)
 
-    def _revise(self, kind: KnowledgeType, row: StoredAssertion, what: Revision) -> None:
+    def _revise(self, kind: KnowledgeType, row: StoredAssertion, what: RevisionKind) -> None:
         key = (self._kb, row.seq, self._number, row.recorded_tx)
         self._revisions.append((*key, row.end_time, int(kind), int(what)))
 

@@ -107,7 +107,7 @@ class Lookup(Statement):
         return compiled if dialect == "sqlite" else super()._compiled(dialect, **place)
 
 
-class Batch(Statement):
+class BulkStatement(Statement):
     """A statement that is run for many rows, given as sequences, which takes less time than a name for each value.
 
     Attributes:
@@ -122,7 +122,7 @@ class Batch(Statement):
         self.columns = columns
 
     @classmethod
-    def adding(cls, table: sa.Table, *columns: str, ignoring: bool = False) -> "Batch":
+    def adding(cls, table: sa.Table, *columns: str, ignoring: bool = False) -> "BulkStatement":
         """Return a statement that adds rows with some columns, or all; with `ignoring`, existing rows are skipped."""
         return cls(
             lambda dialect: insert(dialect, table).on_conflict_do_nothing() if ignoring else table.insert().inline(),
@@ -130,7 +130,7 @@ class Batch(Statement):
         )
 
     @classmethod
-    def changing(cls, table: sa.Table, *columns: str, key: Mapping[str, str]) -> "Batch":
+    def changing(cls, table: sa.Table, *columns: str, key: Mapping[str, str]) -> "BulkStatement":
         """Return a statement that sets columns of the rows with a key; `key` maps its columns to parameters."""
         which = sa.and_(*(table.c[column] == sa.bindparam(name) for column, name in key.items()))
         return cls(
@@ -140,7 +140,7 @@ class Batch(Statement):
         )
 
     @classmethod
-    def deleting(cls, table: sa.Table, *, key: Mapping[str, str]) -> "Batch":
+    def deleting(cls, table: sa.Table, *, key: Mapping[str, str]) -> "BulkStatement":
         """Return a statement that deletes the rows with a key, which is as in `changing`."""
         which = sa.and_(*(table.c[column] == sa.bindparam(name) for column, name in key.items()))
         return cls(table.delete().where(which), *key.values())

@@ -44,7 +44,7 @@ _Key = Text().with_variant(Text(collation="C"), "postgresql")
 """Text compared byte by byte on both engines, so that a prefix is a range."""
 
 
-class Revision(IntEnum):
+class RevisionKind(IntEnum):
     """The kind of change to a row that was stored before; a row that was simply open until then has no revision."""
 
     CANCELLED = 1
@@ -297,7 +297,7 @@ revisions = Table(
     Column("recorded_tx", BigInteger, nullable=False),
     Column("end_before", BigInteger, nullable=False),
     Column("knowledge_type", SmallInteger, nullable=False),
-    # a `Revision`
+    # a `RevisionKind`
     Column("what", SmallInteger, nullable=False),
     PrimaryKeyConstraint("kb_id", "tx", "recorded_tx", "seq"),
     sqlite_with_rowid=False,

@@ -21,7 +21,7 @@ from kbstore.storage.records import Head
 from kbstore.storage.repository import Repository
 from kbstore.transfer import queries as statements
 from kbstore.transfer.archive_file import ArchiveFile
-from kbstore.transfer.rows import Part, Progress, RowSource, Steps
+from kbstore.transfer.rows import LogRange, Progress, RowSource, Steps
 
 WINDOW = 500
 """The number of transactions whose rows are deleted at once."""
@@ -110,7 +110,7 @@ class _Archiving:
 
     def _copy(self, session: StoreConnection, head: Head, upto: int) -> None:
         """Copy into the archive what it lacks of the history before the time, and check it."""
-        part = Part(upto=upto, since=head.history_from)
+        part = LogRange(upto=upto, since=head.history_from)
         if not self._path.exists():
             self._refuse_gone(head)
         with ArchiveFile.opened(self._path, self._reader.name) as file:

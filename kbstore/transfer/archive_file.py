@@ -16,9 +16,9 @@ from kbstore.storage.database import Database
 from kbstore.storage.memory import StoreMemory
 from kbstore.storage.records import Head
 from kbstore.storage.repository import Repository
-from kbstore.transfer.past import Past
+from kbstore.transfer.past import PastRows
 from kbstore.transfer.queries import ARCHIVE, assertions, by_table, quick_check
-from kbstore.transfer.rows import Part, Record, RowSource, RowTarget, batches, make_archive, sync_directory
+from kbstore.transfer.rows import LogRange, Record, RowSource, RowTarget, batches, make_archive, sync_directory
 
 CHECKED = (*assertions, "schedules", "runs")
 """The tables whose rows are counted before any is deleted."""
@@ -66,7 +66,7 @@ class ArchiveFile:
                 f"{self._path} ends at {isoformat(own.time + 1)}, but the store has {self._name} only from "
                 f"{isoformat(head.history_from)} on; go on in the file that ends there, or give a new one"
             )
-        part = Part(upto=own.number)
+        part = LogRange(upto=own.number)
         with self._database.read() as there:
             archived = RowSource(there, self._name, part).records("transactions")
             stored = RowSource(session, self._name, part).records("transactions")
@@ -77,13 +77,13 @@ class ArchiveFile:
 
     # -- writing ----------------------------------------------------------------------------------------------
 
-    def take(self, session: StoreConnection, before: int, part: Part, step: Callable[[int], None]) -> None:
+    def take(self, session: StoreConnection, before: int, part: LogRange, step: Callable[[int], None]) -> None:
         """Write a part of the store's record, as it was just before a time, in one transaction."""
         own = self.head()
         if own is not None:
             part = part._replace(after=own.number)
         source = RowSource(session, self._name, part)
-        past = Past(session, source.kb, part.upto, before - 1)
+        past = PastRows(session, source.kb, part.upto, before - 1)
         head = Head(
             number=part.upto,
             time=before - 1,
@@ -111,7 +111,7 @@ class ArchiveFile:
                         head = head._replace(late=max(head.late, *late, 0))
             target.put_head(head)
 
-    def check(self, part: Part, counts: dict[str, int]) -> None:
+    def check(self, part: LogRange, counts: dict[str, int]) -> None:
         """Raise `StoreUnavailable` unless the file is sound and has as many rows of each table as were counted."""
         with self._database.read() as session:
             found = RowSource(session, self._name, part).counts()

@@ -16,7 +16,7 @@ from kbstore.messages import KnowledgeType
 from kbstore.model.timelines import Role
 from kbstore.storage import tables
 from kbstore.storage.statements import KB, Statement, constant, parameter
-from kbstore.storage.tables import Revision
+from kbstore.storage.tables import RevisionKind
 from kbstore.transfer.scratch import Scratch
 
 Rule = tuple[Any, str]
@@ -24,7 +24,7 @@ Rule = tuple[Any, str]
 
 _T, _GONE = parameter("since"), parameter("gone")
 
-_RETIRING = (Revision.CANCELLED, Revision.SUPERSEDED, Revision.EMPTIED)
+_RETIRING = (RevisionKind.CANCELLED, RevisionKind.SUPERSEDED, RevisionKind.EMPTIED)
 """The revisions after which a row is not known any more; they have the lowest numbers of all."""
 
 
@@ -351,9 +351,9 @@ def _revised(scratch: Scratch) -> Iterator[Contradiction]:
         start, end, ended, retired = revisions[-1][5:]
         expected = None
         if retired is not None:
-            expected = Revision.SUPERSEDED
+            expected = RevisionKind.SUPERSEDED
             if end == start:
-                expected = Revision.CANCELLED if ended is None else Revision.EMPTIED
+                expected = RevisionKind.CANCELLED if ended is None else RevisionKind.EMPTIED
         for place, (*_, tx, what, before) in enumerate(row[:5] for row in revisions):
             is_last = place + 1 == len(revisions)
             after = end if is_last else revisions[place + 1][4]
@@ -363,11 +363,11 @@ def _revised(scratch: Scratch) -> Iterator[Contradiction]:
                 problem = "has an end_before that is not after the begin of its row"
             elif what in _RETIRING and (not is_last or what != expected or tx != retired):
                 problem = "retires a row otherwise than the row says"
-            elif what == Revision.SUPERSEDED and before != end:
+            elif what == RevisionKind.SUPERSEDED and before != end:
                 problem = f"has the end_before {before}, where its row has the end {end}"
-            elif what == Revision.CUT_SHORT and (tx != ended or before <= end):
+            elif what == RevisionKind.CUT_SHORT and (tx != ended or before <= end):
                 problem = "cuts a row short that did not end with its transaction before end_before"
-            elif what == Revision.SETTLED and after == before and ended is None:
+            elif what == RevisionKind.SETTLED and after == before and ended is None:
                 problem = "settles an end that is the same as before"
             else:
                 continue

@@ -18,9 +18,9 @@ from kbstore.storage.connection import StoreConnection
 from kbstore.storage.interval_tree import LEVELS, superseded
 from kbstore.storage.records import Head
 from kbstore.transfer import delta_queries as statements
-from kbstore.transfer.past import Past
+from kbstore.transfer.past import PastRows
 from kbstore.transfer.queries import assertions, by_table
-from kbstore.transfer.rows import BATCH, Part, Record, RowSource, RowTarget, batches
+from kbstore.transfer.rows import BATCH, LogRange, Record, RowSource, RowTarget, batches
 
 Keys = dict[str, list[tuple[int, int]]]
 """The keys of rows, in order, by table."""
@@ -45,11 +45,11 @@ class Delta:
     """
 
     def __init__(self, connection: StoreConnection, name: str, span: Span) -> None:
-        self.source = RowSource(connection, name, Part(after=span.before.number, upto=span.upto))
+        self.source = RowSource(connection, name, LogRange(after=span.before.number, upto=span.upto))
         self.is_latest = span.upto == self.source.head.number
         self._connection = connection
         self._span = span
-        self._past = None if self.is_latest else Past(connection, self.source.kb, span.upto, span.time)
+        self._past = None if self.is_latest else PastRows(connection, self.source.kb, span.upto, span.time)
         self._referred: set[int] = set()
         self._rows = 0
 

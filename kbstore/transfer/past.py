@@ -2,12 +2,12 @@
 
 from kbstore.clock import OPEN
 from kbstore.storage.connection import StoreConnection
-from kbstore.storage.tables import Revision
+from kbstore.storage.tables import RevisionKind
 from kbstore.transfer.queries import assertions, revisions_after
 from kbstore.transfer.rows import Record
 
 
-class Past:
+class PastRows:
     """Rows as they were after the transaction `upto`, at a time before the next one."""
 
     def __init__(self, connection: StoreConnection, kb: int, upto: int, time: int) -> None:
@@ -18,7 +18,7 @@ class Past:
         for number, seq, tx, what, end_before in connection.all(revisions_after, {"kb": kb, "upto": upto}):
             # the first change after `upto` has the end before it
             self._revisions.setdefault((number, seq), (tx, end_before))
-            if what == Revision.CANCELLED:
+            if what == RevisionKind.CANCELLED:
                 self._cancelled.add((number, seq))
 
     def of(self, table: str, record: Record) -> Record:

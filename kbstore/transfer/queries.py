@@ -11,7 +11,7 @@ from sqlalchemy import BigInteger, Boolean, Double, Integer, SmallInteger, Table
 
 from kbstore.storage import tables
 from kbstore.storage.assertion_queries import HEAD_COLUMNS
-from kbstore.storage.statements import KB, Batch, Statement, among, constant, insert, parameter, vacuum
+from kbstore.storage.statements import KB, BulkStatement, Statement, among, constant, insert, parameter, vacuum
 
 _DERIVED: Final = ("level", "node")
 """Columns for the place of a row in an interval tree."""
@@ -62,7 +62,7 @@ class TableQueries:
                 set_={name: added.excluded[name] for name in replacing},
             )
 
-        self.add = Batch(add, *table.columns.keys())
+        self.add = BulkStatement(add, *table.columns.keys())
 
 
 def _python_type(kind: object) -> type:

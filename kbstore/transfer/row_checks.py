@@ -16,7 +16,7 @@ from kbstore.messages import ComparisonType, KnowledgeType
 from kbstore.model.timelines import EndCause, Role
 from kbstore.names import unstorable
 from kbstore.storage import tables
-from kbstore.storage.tables import PRESENT_SCHEDULES, Revision
+from kbstore.storage.tables import PRESENT_SCHEDULES, RevisionKind
 from kbstore.transfer.queries import TransferColumn, by_table
 from kbstore.transfer.rows import Record
 
@@ -28,7 +28,7 @@ _CHOICES: dict[str, frozenset[object]] = {
     "comparison_type": frozenset(map(int, ComparisonType)),
     "end_cause": frozenset(map(int, EndCause)),
     "outcome": frozenset(("ended", "aborted")),
-    "what": frozenset(map(int, Revision)),
+    "what": frozenset(map(int, RevisionKind)),
 }
 _TIMES: Final = frozenset(("late_from", "duration", "end_before"))
 _KINDS: dict[str, int] = {table.name: int(kind) for kind, table in tables.assertion_tables.items()}

@@ -37,7 +37,7 @@ BATCH = 2000
 """The number of rows held in memory, and written, at once."""
 
 
-class Part(NamedTuple):
+class LogRange(NamedTuple):
     """A part of a knowledge base: the rows that transactions after one and up to another recorded.
 
     Rows that had ended before `since` are left out, as the archive that ends at that time has them, unless they were
@@ -49,7 +49,7 @@ class Part(NamedTuple):
     since: int = 0
 
 
-EVERYTHING = Part()
+EVERYTHING = LogRange()
 
 
 class RowSource:
@@ -61,7 +61,7 @@ class RowSource:
         timeline: the last timeline of the part.
     """
 
-    def __init__(self, connection: StoreConnection, name: str, part: Part = EVERYTHING) -> None:
+    def __init__(self, connection: StoreConnection, name: str, part: LogRange = EVERYTHING) -> None:
         found = directory.find(connection, name)
         if found is None:
             names = ", ".join(directory.names(connection)) or "none"

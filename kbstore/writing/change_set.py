@@ -13,7 +13,7 @@ from kbstore.messages import Condition, Fact, Function, Instance, KnowledgeItem,
 from kbstore.model.formulas import Atom
 from kbstore.model.timelines import EndCause, Identity, Role, Timeline, Value
 from kbstore.names import key
-from kbstore.planning.simulator import Event
+from kbstore.planning.simulator import TimelineEvent
 from kbstore.storage.records import StateRow
 from kbstore.storage.repository import Repository
 from kbstore.writing.lifespans import Lifespan, lifespans_of, lost_time
@@ -183,7 +183,7 @@ class ChangeSet:
         base = None if state is None else state.base(self.now)
         return state is not None and (base is None or state.value != value_now(KnowledgeType.FUNCTION, base, self.now))
 
-    def follow(self, events: Iterable[Event]) -> None:
+    def follow(self, events: Iterable[TimelineEvent]) -> None:
         """Take over the values and rates that runs give to numbers: now, and later as derived assertions (rule O5)."""
         for state in self.loaded(self._repository.derived_ahead(self.now)):
             state.derived = {}

@@ -21,7 +21,7 @@ Violations = Sequence[str]
 """The violations of an item, each in one sentence; empty if there are none."""
 
 
-class _Form(NamedTuple):
+class _Declared(NamedTuple):
     """A declared symbol: its spelling, its labels, and for each argument the keys of the types that it may have."""
 
     name: str
@@ -29,7 +29,7 @@ class _Form(NamedTuple):
     allowed: tuple[frozenset[str], ...]
 
 
-_forms_of: WeakKeyDictionary[Domain, dict[tuple[KnowledgeType, str], _Form]] = WeakKeyDictionary()
+_forms_of: WeakKeyDictionary[Domain, dict[tuple[KnowledgeType, str], _Declared]] = WeakKeyDictionary()
 """The forms of the symbols used so far, by domain, shared by all transactions."""
 
 
@@ -165,14 +165,14 @@ class NameResolver:
             spelling += f" {seen[1]}"
         return state or self._change_set.state(Identity(role, kind, item.timeline_key), spelling)
 
-    def _form(self, kind: KnowledgeType, name: str) -> "_Form | None":
+    def _form(self, kind: KnowledgeType, name: str) -> "_Declared | None":
         """Return the domain's declaration of a symbol; None without a domain, or where it does not know the symbol."""
         if self.domain is None or not self.symbols.known(kind, name):
             return None
         signature = self.symbols.signature(kind, name)
         assert signature is not None
         allowed = tuple(self.domain.subtypes(parameter.types) for parameter in signature.parameters)
-        form = self._forms[kind, key(name)] = _Form(signature.name, signature.labels, allowed)
+        form = self._forms[kind, key(name)] = _Declared(signature.name, signature.labels, allowed)
         return form
 
     def _state(self, role: Role, kind: KnowledgeType, name: str, arguments: Sequence[str]) -> TimelineState:

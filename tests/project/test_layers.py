@@ -2,6 +2,7 @@
 
 import ast
 import re
+from collections import defaultdict
 from functools import cache
 
 import pytest
@@ -120,6 +121,18 @@ def test_no_imports_in_circles():
             break
         left = {name: others - free for name, others in left.items() if name not in free}
     assert not left
+
+
+def test_no_two_classes_share_a_name():
+    """A class is the only one of its name, except in the faces that mirror the public classes."""
+    mirrors = ("kbstore.aio.", "kbstore.serve.answers", "kbstore.serve.updates")
+    modules = defaultdict(list)
+    for name, tree in TREES.items():
+        if not name.startswith(mirrors):
+            for node in ast.walk(tree):
+                if isinstance(node, ast.ClassDef):
+                    modules[node.name].append(name)
+    assert {name: found for name, found in modules.items() if len(found) > 1} == {}
 
 
 def test_the_house_has_few_rooms():

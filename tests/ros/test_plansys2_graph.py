@@ -28,7 +28,7 @@ import kbstore
 from kbstore.clock import ManualClock, seconds
 from kbstore.ros.plansys2_domain import DomainExpert
 from kbstore.ros.plansys2_problem import ProblemExpert
-from kbstore.ros.recorder_node import Recorder
+from kbstore.ros.recorder_node import MessageRecorder
 from tests.ros.plansys2_calls import text
 from tests.ros.plansys2_doubles import DOMAIN
 from tests.ros.ros2_graph import (
@@ -697,7 +697,7 @@ def recorder_here(tester, place):
     """A recorder in this process, without its thread."""
     node, clock = rclpy.create_node("here"), ManualClock()
     with opened(place, clock=clock) as kb:
-        yield Recorder(node, kb, clock, None, None)
+        yield MessageRecorder(node, kb, clock, None, None)
     node.destroy_node()
 
 
@@ -707,7 +707,7 @@ def test_a_recorder_that_cannot_go_on_ends(recorder_here, monkeypatch):
     def broken(self):
         raise ZeroDivisionError
 
-    monkeypatch.setattr(Recorder, "_open_mirror", broken)
+    monkeypatch.setattr(MessageRecorder, "_open_mirror", broken)
     woken = []
     recorder_here.work(lambda: woken.append(True))
     assert isinstance(recorder_here.failure, ZeroDivisionError)
@@ -728,8 +728,8 @@ def test_what_comes_while_the_store_is_away_is_recorded_later(recorder_here, mon
         if message == "third":
             self.stop()
 
-    monkeypatch.setattr(Recorder, "_open_mirror", lambda self: "a mirror")
-    monkeypatch.setattr(Recorder, "_record", record)
+    monkeypatch.setattr(MessageRecorder, "_open_mirror", lambda self: "a mirror")
+    monkeypatch.setattr(MessageRecorder, "_record", record)
     monkeypatch.setattr("kbstore.ros.recorder_node.AGAIN", 0.01)
     recorder_here._receiver("hub")("start")
     recorder_here._receiver("knowledge")("first")
@@ -752,8 +752,8 @@ def test_a_recorder_that_begins_among_snapshots_does_not_wait_for_their_end(reco
                 return
             time.sleep(0.01)
 
-    monkeypatch.setattr(Recorder, "_open_mirror", lambda self: "a mirror")
-    monkeypatch.setattr(Recorder, "_record", record)
+    monkeypatch.setattr(MessageRecorder, "_open_mirror", lambda self: "a mirror")
+    monkeypatch.setattr(MessageRecorder, "_record", record)
     monkeypatch.setattr("kbstore.ros.recorder_node.LATEST", 0.1, raising=False)
     publishing = threading.Thread(target=publish)
     publishing.start()

@@ -63,11 +63,11 @@ def rows_of(table, kb, count, seed=0):
             row |= {"end_time": start, "ended_tx": None, "end_cause": None, "retired_tx": number}
             recorded, until = max(0, start - 100), max(0, start - 50)
             schedule = {"recorded_time": recorded, "until_time": until, "node": node(recorded, until)}
-            revision = {"tx": number, "end_before": OPEN, "what": tables.Revision.CANCELLED}
+            revision = {"tx": number, "end_before": OPEN, "what": tables.RevisionKind.CANCELLED}
         row["level"] = level(row["initial_time"], row["end_time"])
         if index % 50 == 23 and not last:
             row |= {"level": -1 - row["level"], "retired_tx": row["ended_tx"] + 1}
-            revision = {"tx": row["retired_tx"], "end_before": row["end_time"], "what": tables.Revision.SUPERSEDED}
+            revision = {"tx": row["retired_tx"], "end_before": row["end_time"], "what": tables.RevisionKind.SUPERSEDED}
         if schedule is not None:
             schedule |= {"timeline_id": timeline, "initial_time": start, "is_derived": False}
         yield row, *(None if side is None else {**key, "knowledge_type": kind, **side} for side in (schedule, revision))

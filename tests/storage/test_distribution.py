@@ -15,7 +15,7 @@ from sqlalchemy.sql import visitors
 
 from kbstore.storage import queries, tables
 from kbstore.storage.assertion_queries import for_kind
-from kbstore.storage.statements import Batch, Statement
+from kbstore.storage.statements import BulkStatement, Statement
 from kbstore.transfer import delta_queries
 from kbstore.transfer import queries as transfer
 from tests.storage.test_plans import ARRAYS, KEYS, VALUES
@@ -185,7 +185,7 @@ READING_OR_CHANGING = [name for name, found in ALL.items() if not found.postgres
 def test_every_statement_touches_one_partition_of_each_table(partitioned, name):
     """What concerns one knowledge base is where that is, and nowhere else."""
     statement = ALL[name]
-    if isinstance(statement, Batch):
+    if isinstance(statement, BulkStatement):
         parameters = [VALUES["kb"] if column == "kb" else 1 for column in statement.columns]
     else:
         parameters = parameters_of(statement)

@@ -14,7 +14,7 @@ import pytest
 from kbstore.storage import queries
 from kbstore.storage.assertion_queries import for_kind
 from kbstore.storage.interval_tree import LEVELS, path, ranges, superseded
-from kbstore.storage.statements import Batch, Lookup, Statement
+from kbstore.storage.statements import BulkStatement, Lookup, Statement
 from kbstore.storage.whole_state import whole_state
 from tests.storage.stores import KB, SPAN
 
@@ -73,7 +73,7 @@ def questions(tables):
     return {
         name: statement
         for name, statement in named
-        if not isinstance(statement, Batch) and statement.sqlite.lstrip().startswith(("SELECT", "WITH"))
+        if not isinstance(statement, BulkStatement) and statement.sqlite.lstrip().startswith(("SELECT", "WITH"))
     }
 
 

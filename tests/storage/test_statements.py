@@ -3,7 +3,17 @@
 import pytest
 import sqlalchemy as sa
 
-from kbstore.storage.statements import Batch, Lookup, Statement, among, constant, each, each_pair, insert, parameter
+from kbstore.storage.statements import (
+    BulkStatement,
+    Lookup,
+    Statement,
+    among,
+    constant,
+    each,
+    each_pair,
+    insert,
+    parameter,
+)
 
 T = sa.Table(
     "t",
@@ -108,18 +118,18 @@ def test_a_lookup_has_parameters_in_their_order():
 
 def test_a_batch_that_adds_takes_sequences():
     """Rows are given in the order of the table's columns."""
-    adding = Batch.adding(T, "c", "a")
+    adding = BulkStatement.adding(T, "c", "a")
     assert adding.columns == ("a", "c")
     assert texts(adding) == [
         "INSERT INTO t (a, c) VALUES (?, ?)",
         "INSERT INTO t (a, c) VALUES (%s::INTEGER, %s::VARCHAR)",
     ]
-    assert texts(Batch.adding(T, ignoring=True))[0].endswith("VALUES (?, ?, ?) ON CONFLICT DO NOTHING")
+    assert texts(BulkStatement.adding(T, ignoring=True))[0].endswith("VALUES (?, ?, ?) ON CONFLICT DO NOTHING")
 
 
 def test_a_batch_that_changes_takes_the_values_and_then_the_key():
     """What is set comes in the order of the table, and then the key of the row."""
-    changing = Batch.changing(T, "c", "b", key={"a": "row"})
+    changing = BulkStatement.changing(T, "c", "b", key={"a": "row"})
     assert changing.columns == ("b", "c", "row")
     assert texts(changing) == [
         "UPDATE t SET b=?, c=? WHERE t.a = ?",

@@ -45,7 +45,7 @@ SCHEMAS = {
 
 
 @dataclass(frozen=True, slots=True)
-class Event:
+class McapMessage:
     """A message: its time in nanoseconds, its topic, the name of its schema, and its fields."""
 
     time: int
@@ -108,7 +108,7 @@ def export_mcap(
     return Exported(len(events), len(channels), *span)
 
 
-def _schema(event: Event) -> bytes:
+def _schema(event: McapMessage) -> bytes:
     schema = {"title": f"kbstore.{event.schema}", "type": "object", "properties": SCHEMAS[event.schema]}
     return json.dumps(schema).encode()
 
@@ -133,7 +133,7 @@ class _Record:
         self._first = first
         self._last = max(times, default=first) if last is None else last
 
-    def events(self) -> Iterator[Event]:
+    def events(self) -> Iterator[McapMessage]:
         """Yield all events of the span."""
         yield from map(_transaction, self._transactions)
         yield from self._numbers([found for found in self._known if isinstance(found.item, Function)])
@@ -167,7 +167,7 @@ class _Record:
         end = found.end_time
         return max(found.initial_time, self._first), None if end is None or end > self._last else end
 
-    def _states(self, spans: Sequence["_Span"]) -> Iterator[Event]:
+    def _states(self, spans: Sequence["_Span"]) -> Iterator[McapMessage]:
         """A message at each time at which what holds on a topic changes, and at the end of the record."""
         changes: dict[int, list[tuple[bool, _Span]]] = {}
         for span in spans:
@@ -179,12 +179,12 @@ class _Record:
             ended = [span for begins, span in found if not begins]
             holding = [span for span in holding if span not in ended]
             holding += [span for begins, span in found if begins and span not in ended]
-            last = Event(t, spans[0].topic, spans[0].schema, _FIELDS[spans[0].schema](holding, ended))
+            last = McapMessage(t, spans[0].topic, spans[0].schema, _FIELDS[spans[0].schema](holding, ended))
             yield last
         if last.time < self._last:
             yield replace(last, time=self._last)
 
-    def _numbers(self, known: Iterable[Assertion]) -> Iterator[Event]:
+    def _numbers(self, known: Iterable[Assertion]) -> Iterator[McapMessage]:
         """The corners of numbers: where an assertion begins, and where it ends."""
         by_topic: dict[str, list[Assertion]] = {}
         for found in known:
@@ -227,9 +227,9 @@ def _value(found: Assertion, t: int) -> float | None:
     return end_value(Assertion(found.item, found.initial_time, t, found.recorded))
 
 
-def _number(t: int, topic: str, value: float | None) -> Event:
+def _number(t: int, topic: str, value: float | None) -> McapMessage:
     fields: dict[str, Any] = {"defined": False} if value is None else {"value": value, "defined": True}
-    return Event(t, topic, "Number", fields)
+    return McapMessage(t, topic, "Number", fields)
 
 
 def _fact_fields(holding: Sequence[_Span], _ended: Sequence[_Span]) -> dict[str, Any]:
@@ -267,6 +267,6 @@ _FIELDS: dict[str, Callable[[Sequence[_Span], Sequence[_Span]], dict[str, Any]]]
 }
 
 
-def _transaction(found: Transaction) -> Event:
+def _transaction(found: Transaction) -> McapMessage:
     fields = {"value": found.number, "client": found.client, "note": found.note, "changes": found.changes}
-    return Event(found.time, "/transactions", "Transaction", fields)
+    return McapMessage(found.time, "/transactions", "Transaction", fields)
