@@ -22,8 +22,9 @@ from benchmarks import (
     views,
     writes,
 )
+from benchmarks.page import filled
 from benchmarks.peers import comparing
-from benchmarks.report import Missing, Result, filled, show
+from benchmarks.report import Missing, Result, show
 from benchmarks.settings import Settings
 
 _TABLES = {
@@ -62,7 +63,10 @@ def main() -> None:
         if results:
             show(results, console, title)
     if arguments.page:
-        arguments.page.write_text(filled(arguments.page.read_text(), tables))
+        page, missing = filled(arguments.page.read_text(), tables)
+        arguments.page.write_text(page)
+        for row in missing:
+            console.print(f"not measured, so that its table was left as it is: {row}")
     loads_now = ", ".join(f"{load:.1f}" for load in os.getloadavg())
     console.print(f"{time.monotonic() - began:.0f} s; {os.cpu_count()} cores, load averages at the end {loads_now}")
 
@@ -104,9 +108,7 @@ def _arguments() -> argparse.Namespace:
     )
     parser.add_argument("--postgresql", metavar="URL", help="a server to measure on; one is started if none is named")
     parser.add_argument("--directory", type=Path, help="where to make the stores (they are removed afterwards)")
-    parser.add_argument(
-        "--page", type=Path, metavar="FILE", help="fill the tables of docs/performance.md with the rows that have a bar"
-    )
+    parser.add_argument("--page", type=Path, metavar="FILE", help="fill the tables of docs/performance.md")
     parser.add_argument("--only", nargs="+", choices=_PARTS, help="only these parts")
     return parser.parse_args()
 

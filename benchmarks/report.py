@@ -1,7 +1,6 @@
 """The results as tables."""
 
-import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from rich.console import Console
@@ -66,22 +65,6 @@ def show(results: Sequence[Result | Missing], console: Console, title: str) -> N
     for result in results:
         table.add_row(*_cells(result))
     console.print(table)
-
-
-def filled(page: str, tables: Mapping[str, Sequence[Result | Missing]]) -> str:
-    """A page in which the first table below the heading of each title has the rows that have a bar."""
-    for title, results in tables.items():
-        rows = [result for result in results if isinstance(result, Missing) or result.bar is not None]
-        if rows:
-            table = re.compile(rf"(^## {title}\n(?:(?!\||## ).*\n)*)(?:\|.*\n)+", re.MULTILINE)
-            page = table.sub(lambda found: found[1] + markdown(rows), page, count=1)  # noqa: B023 - called at once
-    return page
-
-
-def markdown(results: Sequence[Result | Missing]) -> str:
-    """The table for a document."""
-    rows = [_HEADINGS, ("---", "---", *["---:"] * 5), *(_cells(result) for result in results)]
-    return "".join(f"| {' | '.join(row)} |\n" for row in rows)
 
 
 def _cells(result: Result | Missing) -> tuple[str, ...]:

@@ -6,7 +6,7 @@ import pytest
 from rich.console import Console
 
 from benchmarks.measuring import CPU, side_by_side
-from benchmarks.report import Missing, Result, amount, filled, markdown, show
+from benchmarks.report import Missing, Result, amount, show
 
 
 @pytest.mark.parametrize(
@@ -38,24 +38,6 @@ def test_a_peer_that_is_not_installed_has_a_row():
     assert "1.50" in table
     (row,) = (line for line in table.splitlines() if "DuckDB" in line)
     assert "not installed" in row
-
-
-def test_the_table_for_a_document_has_as_many_cells_in_each_row():
-    """In Markdown every row has the seven cells of the heading, what is missing included."""
-    lines = markdown([Result("state", "raw", 3e-3, 2e-3, 2.5), Missing("DuckDB", "not installed")]).splitlines()
-    assert [line.count("|") for line in lines] == [8] * 4
-    assert lines[2] == "| state | raw | 3 ms | 2 ms | 1.50 | 2.5 | yes |"
-
-
-def test_a_page_is_filled_with_the_rows_that_have_a_bar():
-    """The table below a heading is replaced; text, other tables and other headings stay."""
-    before = "## Asking\n\nIn short:\n\n| old |\n| --- |\n| row |\n\nText.\n\n| kept |\n\n## Writing\n\n| kept, too |\n"
-    met, open_ended = Result("state", "raw", 3e-3, 2e-3, 2.5), Result("load", "raw", 3e-3, 2e-3)
-    after = filled(before, {"Asking": [met, open_ended], "Writing": [open_ended]})
-    row = "| state | raw | 3 ms | 2 ms | 1.50 | 2.5 | yes |\n"
-    beginning, _, rest = after.partition(row)
-    assert beginning.startswith("## Asking\n\nIn short:\n\n| what |")
-    assert rest == "\nText.\n\n| kept |\n\n## Writing\n\n| kept, too |\n"
 
 
 def test_each_way_is_done_in_each_round():
