@@ -18,7 +18,7 @@ from sqlalchemy.exc import DBAPIError
 from kbstore.storage import tables
 from kbstore.storage.engine import make_engine
 from kbstore.storage.schema import connecting
-from kbstore.storage.schema_objects import VERSION_TABLE
+from kbstore.storage.schema_objects import VERSION_TABLE, version_table
 
 LOCK = 0x6B6273746F7265
 """The advisory lock of a migration on PostgreSQL: "kbstore" in ASCII."""
@@ -56,9 +56,7 @@ def migrate(connection: sa.Connection, schema: str | None) -> None:
         connection.exec_driver_sql("PRAGMA foreign_keys = OFF")
     try:
         begin(connection, schema)
-        context.configure(
-            connection=connection, on_version_apply=lambda step, **_: steps.append(step), **options(connection.dialect)
-        )
+        configure(connection.dialect, connection=connection, on_version_apply=lambda step, **_: steps.append(step))
         before = count_rows(connection)
         context.run_migrations()
         if steps:
@@ -112,7 +110,7 @@ def refuse_losses(connection: sa.Connection, before: dict[str, int]) -> None:
 
 def write_script(engine: sa.Engine, schema: str | None) -> None:
     """Write the SQL (`--sql`) of the steps, to be run by the database's own client."""
-    context.configure(dialect_name=engine.dialect.name, literal_binds=True, **options(engine.dialect))
+    configure(engine.dialect, dialect_name=engine.dialect.name, literal_binds=True)
     with context.begin_transaction():
         if engine.dialect.name != "sqlite":
             context.execute(f"SELECT pg_advisory_xact_lock({LOCK})")
@@ -123,18 +121,21 @@ def write_script(engine: sa.Engine, schema: str | None) -> None:
         context.run_migrations()
 
 
-def options(dialect: sa.Dialect) -> dict[str, Any]:
-    """Return alembic's options for every mode."""
-    return {
-        "target_metadata": tables.metadata,
-        "version_table": VERSION_TABLE,
-        "transactional_ddl": True,
+def configure(dialect: sa.Dialect, **mode: Any) -> None:
+    """Configure alembic, with its options for a mode and those for every mode."""
+    context.configure(
+        target_metadata=tables.metadata,
+        version_table=VERSION_TABLE,
+        transactional_ddl=True,
         # a service's own tables in the same database are left alone
-        "include_name": lambda name, kind, _: kind != "table" or name in tables.metadata.tables,
-        "process_revision_directives": number_revision,
+        include_name=lambda name, kind, _: kind != "table" or name in tables.metadata.tables,
+        process_revision_directives=number_revision,
         # SQLite alters a table by creating it again
-        "render_as_batch": dialect.name == "sqlite",
-    }
+        render_as_batch=dialect.name == "sqlite",
+        **mode,
+    )
+    # alembic's own has a column of a generic type, for which the host may have a compile rule
+    context.get_context()._version = version_table
 
 
 def number_revision(_context: Any, _revision: Any, directives: list[Any]) -> None:

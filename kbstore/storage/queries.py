@@ -88,7 +88,7 @@ def _first_transaction_from() -> Any:
 
     So no index by time is needed.
     """
-    ends = select(sa.cast(constant(1), sa.BigInteger).label("low"), (_heads.last_number + constant(1)).label("high"))
+    ends = select(sa.cast(constant(1), sa.BIGINT).label("low"), (_heads.last_number + constant(1)).label("high"))
     span = ends.where(_heads.kb_id == KB).cte("span", recursive=True)
     middle = (span.c.low + span.c.high).op(">>")(constant(1))
     from_middle = _transaction.where(_transactions.number >= middle).order_by(_transactions.number).limit(constant(1))

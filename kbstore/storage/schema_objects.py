@@ -19,6 +19,14 @@ from kbstore.storage import tables
 VERSION_TABLE = "kbstore_alembic_version"
 """Not alembic's own default: a service that shares its database with kbstore may have migrations of its own."""
 
+version_table = sa.Table(
+    VERSION_TABLE,
+    sa.MetaData(),
+    sa.Column("version_num", sa.VARCHAR(32), nullable=False),
+    sa.PrimaryKeyConstraint("version_num", name=f"{VERSION_TABLE}_pkc"),
+)
+"""As alembic makes it, with a type for which the host has no compile rule."""
+
 VIEWS = (
     "transaction_log",
     "fact_history",
@@ -154,10 +162,7 @@ def for_postgresql() -> set[str]:
 
 def _declared() -> Iterator[str]:
     yield from (f"view {name}" for name in VIEWS)
-    yield f"table {VERSION_TABLE}"
-    yield f"column {VERSION_TABLE}.version_num character varying(32) NOT NULL"
-    yield f"index {VERSION_TABLE}_pkc ON {VERSION_TABLE} (version_num) UNIQUE"
-    for table in tables.metadata.sorted_tables:
+    for table in (version_table, *tables.metadata.sorted_tables):
         yield f"table {table.name}"
         for column in table.columns:
             yield f"column {table.name}.{column.name} {_type(column)}{'' if column.nullable else ' NOT NULL'}"

@@ -10,6 +10,7 @@ from typing import Any, Final
 
 import sqlalchemy as sa
 from sqlalchemy.dialects import postgresql, sqlite
+from sqlalchemy.dialects.postgresql.base import PGTypeCompiler
 from sqlalchemy.dialects.sqlite.base import SQLiteCompiler
 from sqlalchemy.ext.compiler import compiles
 from sqlalchemy.sql.compiler import SQLCompiler
@@ -32,10 +33,19 @@ class _Compiler(SQLiteCompiler):
         return f"{left} {words} {right} ON {self.process(join.onclause, **options)}"
 
 
+class _TypeCompiler(PGTypeCompiler):
+    """Writes types as SQLAlchemy does, but without the host's compile rules: parameters are cast to generic types."""
+
+    def process(self, type_: Any, **options: Any) -> str:
+        meant = type_._variant_mapping.get(self.dialect.name, type_)
+        return str(getattr(self, f"visit_{meant.__visit_name__}")(meant, **options))
+
+
 def _dialects(sqlite_style: Any, postgresql_style: Any) -> dict[str, sa.Dialect]:
     own: sa.Dialect = sqlite.dialect(paramstyle=sqlite_style)
     own.statement_compiler = _Compiler
     other: sa.Dialect = postgresql.dialect(paramstyle=postgresql_style)  # type: ignore[no-untyped-call]
+    other.type_compiler_instance = _TypeCompiler(other)
     return {"sqlite": own, "postgresql": other}
 
 
@@ -231,7 +241,7 @@ def each_pair(dialect: str, name: str) -> Any:
     found = _Keys(name).table_valued("value", name="value")
     if dialect == "sqlite":
         return found, *(sa.func.json_extract(found.c.value, sa.literal_column(f"'$[{n}]'")) for n in (0, 1))
-    return found, *(sa.cast(found.c.value.op("->>")(constant(n)), sa.BigInteger) for n in (0, 1))
+    return found, *(sa.cast(found.c.value.op("->>")(constant(n)), sa.BIGINT) for n in (0, 1))
 
 
 class among(ColumnElement[bool]):

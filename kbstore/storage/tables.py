@@ -7,24 +7,28 @@ only, except derived ones. They change when they end, and when they are retired:
 knowledge, or ended at the very time at which they began. `schedules` and `revisions` have columns that few rows need.
 
 Each key, each foreign key and each index begins with the knowledge base, so that a store can be distributed by it.
+
+The types are SQL's own, in capitals: for the generic ones, such as `BigInteger`, the host may have compile rules.
 """
 
 from enum import IntEnum
 
 from sqlalchemy import (
-    BigInteger,
-    Boolean,
+    BIGINT,
+    BOOLEAN,
+    DOUBLE,
+    DOUBLE_PRECISION,
+    INTEGER,
+    SMALLINT,
+    TEXT,
+    VARCHAR,
     Column,
     Double,
     ForeignKeyConstraint,
     Index,
-    Integer,
     MetaData,
     PrimaryKeyConstraint,
-    SmallInteger,
-    String,
     Table,
-    Text,
     text,
 )
 
@@ -40,8 +44,10 @@ metadata = MetaData(
     }
 )
 
-_Key = Text().with_variant(Text(collation="C"), "postgresql")
+_KEY = TEXT().with_variant(TEXT(collation="C"), "postgresql")
 """Text compared byte by byte on both engines, so that a prefix is a range."""
+
+_DOUBLE: Double[float] = DOUBLE().with_variant(DOUBLE_PRECISION(), "postgresql")
 
 
 class RevisionKind(IntEnum):
@@ -69,28 +75,28 @@ knowledge_bases = Table(
     "knowledge_bases",
     metadata,
     # 1, 2, 3 on SQLite; random on PostgreSQL, where knowledge bases of several servers may come together
-    Column("id", Integer, primary_key=True, autoincrement=False),
-    Column("name", Text, nullable=False, unique=True),
-    Column("use_unknowns", Boolean, nullable=False),
+    Column("id", INTEGER, primary_key=True, autoincrement=False),
+    Column("name", TEXT, nullable=False, unique=True),
+    Column("use_unknowns", BOOLEAN, nullable=False),
 )
 
 heads = Table(
     "heads",
     metadata,
     # the row that a writer locks: numbers without gaps, in the order of commit
-    Column("kb_id", Integer, nullable=False),
-    Column("domain_version", Integer, nullable=False),
-    Column("present", Integer, nullable=False),
-    Column("last_number", BigInteger, nullable=False),
-    Column("last_time", BigInteger, nullable=False),
-    Column("last_token", BigInteger, nullable=False),
+    Column("kb_id", INTEGER, nullable=False),
+    Column("domain_version", INTEGER, nullable=False),
+    Column("present", INTEGER, nullable=False),
+    Column("last_number", BIGINT, nullable=False),
+    Column("last_time", BIGINT, nullable=False),
+    Column("last_token", BIGINT, nullable=False),
     # the last transaction that recorded late knowledge; 0 if there is none
-    Column("last_late", BigInteger, nullable=False),
-    Column("last_timeline", BigInteger, nullable=False),
-    Column("last_run", BigInteger, nullable=False),
-    Column("history_from", BigInteger, nullable=False),
+    Column("last_late", BIGINT, nullable=False),
+    Column("last_timeline", BIGINT, nullable=False),
+    Column("last_run", BIGINT, nullable=False),
+    Column("history_from", BIGINT, nullable=False),
     # the store that this one follows, and that alone is written to; null where this one is
-    Column("source", Text),
+    Column("source", TEXT),
     PrimaryKeyConstraint("kb_id"),
     _knowledge_base(),
 )
@@ -98,17 +104,17 @@ heads = Table(
 transactions = Table(
     "transactions",
     metadata,
-    Column("kb_id", Integer, nullable=False),
-    Column("changes", Integer, nullable=False),
-    Column("number", BigInteger, nullable=False),
-    Column("recorded_time", BigInteger, nullable=False),
+    Column("kb_id", INTEGER, nullable=False),
+    Column("changes", INTEGER, nullable=False),
+    Column("number", BIGINT, nullable=False),
+    Column("recorded_time", BIGINT, nullable=False),
     # random: two histories that part have other tokens from there on
-    Column("token", BigInteger, nullable=False),
-    Column("last_timeline", BigInteger, nullable=False),
+    Column("token", BIGINT, nullable=False),
+    Column("last_timeline", BIGINT, nullable=False),
     # the earliest time about which it recorded late knowledge
-    Column("late_from", BigInteger),
-    Column("client", Text),
-    Column("note", Text),
+    Column("late_from", BIGINT),
+    Column("client", TEXT),
+    Column("note", TEXT),
     PrimaryKeyConstraint("kb_id", "number"),
     _knowledge_base(),
     sqlite_with_rowid=False,
@@ -126,13 +132,13 @@ Index(
 domains = Table(
     "domains",
     metadata,
-    Column("kb_id", Integer, nullable=False),
-    Column("version", Integer, nullable=False),
-    Column("initial_time", BigInteger, nullable=False),
-    Column("recorded_tx", BigInteger, nullable=False),
-    Column("name", Text, nullable=False),
-    Column("source", Text, nullable=False),
-    Column("sensed", Text, nullable=False),
+    Column("kb_id", INTEGER, nullable=False),
+    Column("version", INTEGER, nullable=False),
+    Column("initial_time", BIGINT, nullable=False),
+    Column("recorded_tx", BIGINT, nullable=False),
+    Column("name", TEXT, nullable=False),
+    Column("source", TEXT, nullable=False),
+    Column("sensed", TEXT, nullable=False),
     PrimaryKeyConstraint("kb_id", "version"),
     _knowledge_base(),
     sqlite_with_rowid=False,
@@ -141,12 +147,12 @@ domains = Table(
 symbols = Table(
     "symbols",
     metadata,
-    Column("kb_id", Integer, nullable=False),
-    Column("knowledge_type", SmallInteger, nullable=False),
-    Column("key", _Key, nullable=False),
-    Column("name", Text, nullable=False),
-    Column("arity", Integer, nullable=False),
-    Column("labels", Text, nullable=False),
+    Column("kb_id", INTEGER, nullable=False),
+    Column("knowledge_type", SMALLINT, nullable=False),
+    Column("key", _KEY, nullable=False),
+    Column("name", TEXT, nullable=False),
+    Column("arity", INTEGER, nullable=False),
+    Column("labels", TEXT, nullable=False),
     PrimaryKeyConstraint("kb_id", "knowledge_type", "key"),
     _knowledge_base(),
     sqlite_with_rowid=False,
@@ -155,14 +161,14 @@ symbols = Table(
 timelines = Table(
     "timelines",
     metadata,
-    Column("kb_id", Integer, nullable=False),
-    Column("role", SmallInteger, nullable=False),
-    Column("knowledge_type", SmallInteger, nullable=False),
-    Column("id", BigInteger, nullable=False),
+    Column("kb_id", INTEGER, nullable=False),
+    Column("role", SMALLINT, nullable=False),
+    Column("knowledge_type", SMALLINT, nullable=False),
+    Column("id", BIGINT, nullable=False),
     # what it is about, in lower case and without brackets: "robot_at kenny wp0", "kenny", "" (the metric)
-    Column("key", _Key, nullable=False),
+    Column("key", _KEY, nullable=False),
     # the same as first written, where that differs
-    Column("spelling", Text),
+    Column("spelling", TEXT),
     PrimaryKeyConstraint("kb_id", "id"),
     _knowledge_base(),
     sqlite_with_rowid=False,
@@ -179,9 +185,9 @@ Index(
 mentions = Table(
     "mentions",
     metadata,
-    Column("kb_id", Integer, nullable=False),
-    Column("object_id", BigInteger, nullable=False),
-    Column("timeline_id", BigInteger, nullable=False),
+    Column("kb_id", INTEGER, nullable=False),
+    Column("object_id", BIGINT, nullable=False),
+    Column("timeline_id", BIGINT, nullable=False),
     PrimaryKeyConstraint("kb_id", "object_id", "timeline_id"),
     sqlite_with_rowid=False,
 )
@@ -199,22 +205,22 @@ def _assertions(name: str, *own: Column[object]) -> Table:
     table = Table(
         name,
         metadata,
-        Column("kb_id", Integer, nullable=False),
-        Column("seq", Integer, nullable=False),
-        Column("recorded_tx", BigInteger, nullable=False),
-        Column("timeline_id", BigInteger, nullable=False),
-        Column("initial_time", BigInteger, nullable=False),
-        Column("end_time", BigInteger, nullable=False),
+        Column("kb_id", INTEGER, nullable=False),
+        Column("seq", INTEGER, nullable=False),
+        Column("recorded_tx", BIGINT, nullable=False),
+        Column("timeline_id", BIGINT, nullable=False),
+        Column("initial_time", BIGINT, nullable=False),
+        Column("end_time", BIGINT, nullable=False),
         # set only by a transaction that ended it at the transaction's own time
-        Column("ended_tx", BigInteger),
+        Column("ended_tx", BIGINT),
         # the transaction that took it out of what is known now: cancelled, superseded, or ended as it began
-        Column("retired_tx", BigInteger),
+        Column("retired_tx", BIGINT),
         # for a part that late knowledge left of another row: the transaction that first recorded it
-        Column("told_tx", BigInteger),
+        Column("told_tx", BIGINT),
         # where the interval tree keeps it (`kbstore.storage.interval_tree`); negative once it is retired
-        Column("level", SmallInteger, nullable=False),
-        Column("end_cause", SmallInteger),
-        Column("is_negative", Boolean, nullable=False),
+        Column("level", SMALLINT, nullable=False),
+        Column("end_cause", SMALLINT),
+        Column("is_negative", BOOLEAN, nullable=False),
         *own,
         PrimaryKeyConstraint("kb_id", "recorded_tx", "seq"),
         ForeignKeyConstraint(["kb_id", "timeline_id"], ["timelines.kb_id", "timelines.id"]),
@@ -233,27 +239,27 @@ def _assertions(name: str, *own: Column[object]) -> Table:
     return table
 
 
-instances = _assertions("instances", Column("instance_type", Text, nullable=False))
+instances = _assertions("instances", Column("instance_type", TEXT, nullable=False))
 facts = _assertions("facts")
 functions = _assertions(
     "functions",
-    Column("function_value", Double, nullable=False),
+    Column("function_value", _DOUBLE, nullable=False),
     # per second, from initial_time on: the function's own, and with the contributions of what runs
-    Column("own_rate", Double, nullable=False),
-    Column("rate", Double, nullable=False),
+    Column("own_rate", _DOUBLE, nullable=False),
+    Column("rate", _DOUBLE, nullable=False),
 )
 # the metric; with the role of a goal, a goal that is a condition
 expressions = _assertions(
     "expressions",
-    Column("optimization", Text, nullable=False),
-    Column("expr", Text, nullable=False),
+    Column("optimization", TEXT, nullable=False),
+    Column("expr", TEXT, nullable=False),
 )
 inequalities = _assertions(
     "inequalities",
-    Column("comparison_type", SmallInteger, nullable=False),
-    Column("lhs", Text, nullable=False),
-    Column("rhs", Text, nullable=False),
-    Column("grounded", Boolean, nullable=False),
+    Column("comparison_type", SMALLINT, nullable=False),
+    Column("lhs", TEXT, nullable=False),
+    Column("rhs", TEXT, nullable=False),
+    Column("grounded", BOOLEAN, nullable=False),
 )
 
 assertion_tables: dict[KnowledgeType, Table] = {
@@ -268,19 +274,19 @@ schedules = Table(
     "schedules",
     metadata,
     # one row for each assertion that was recorded before its initial time, cancelled or not
-    Column("kb_id", Integer, nullable=False),
-    Column("seq", Integer, nullable=False),
-    Column("recorded_tx", BigInteger, nullable=False),
-    Column("timeline_id", BigInteger, nullable=False),
-    Column("recorded_time", BigInteger, nullable=False),
-    Column("initial_time", BigInteger, nullable=False),
+    Column("kb_id", INTEGER, nullable=False),
+    Column("seq", INTEGER, nullable=False),
+    Column("recorded_tx", BIGINT, nullable=False),
+    Column("timeline_id", BIGINT, nullable=False),
+    Column("recorded_time", BIGINT, nullable=False),
+    Column("initial_time", BIGINT, nullable=False),
     # when it took effect, or was cancelled
-    Column("until_time", BigInteger, nullable=False),
+    Column("until_time", BIGINT, nullable=False),
     # where the interval tree keeps the span in which it was pending
-    Column("node", BigInteger),
-    Column("knowledge_type", SmallInteger, nullable=False),
+    Column("node", BIGINT),
+    Column("knowledge_type", SMALLINT, nullable=False),
     # it was not recorded by anyone, but follows from what was
-    Column("is_derived", Boolean, nullable=False),
+    Column("is_derived", BOOLEAN, nullable=False),
     PrimaryKeyConstraint("kb_id", "recorded_tx", "seq"),
     sqlite_with_rowid=False,
 )
@@ -291,14 +297,14 @@ revisions = Table(
     "revisions",
     metadata,
     # one row for each change of a stored row that was not simply open until it ended: what undoes it
-    Column("kb_id", Integer, nullable=False),
-    Column("seq", Integer, nullable=False),
-    Column("tx", BigInteger, nullable=False),
-    Column("recorded_tx", BigInteger, nullable=False),
-    Column("end_before", BigInteger, nullable=False),
-    Column("knowledge_type", SmallInteger, nullable=False),
+    Column("kb_id", INTEGER, nullable=False),
+    Column("seq", INTEGER, nullable=False),
+    Column("tx", BIGINT, nullable=False),
+    Column("recorded_tx", BIGINT, nullable=False),
+    Column("end_before", BIGINT, nullable=False),
+    Column("knowledge_type", SMALLINT, nullable=False),
     # a `RevisionKind`
-    Column("what", SmallInteger, nullable=False),
+    Column("what", SMALLINT, nullable=False),
     PrimaryKeyConstraint("kb_id", "tx", "recorded_tx", "seq"),
     sqlite_with_rowid=False,
 )
@@ -306,23 +312,23 @@ revisions = Table(
 runs = Table(
     "runs",
     metadata,
-    Column("kb_id", Integer, nullable=False),
-    Column("number", BigInteger, nullable=False),
-    Column("recorded_tx", BigInteger, nullable=False),
-    Column("initial_time", BigInteger, nullable=False),
-    Column("duration", BigInteger, nullable=False),
-    Column("end_time", BigInteger, nullable=False),
+    Column("kb_id", INTEGER, nullable=False),
+    Column("number", BIGINT, nullable=False),
+    Column("recorded_tx", BIGINT, nullable=False),
+    Column("initial_time", BIGINT, nullable=False),
+    Column("duration", BIGINT, nullable=False),
+    Column("end_time", BIGINT, nullable=False),
     # its exact duration in seconds, of which `duration` is the rounding
-    Column("duration_s", Double, nullable=False),
-    Column("ended_tx", BigInteger),
-    Column("node", BigInteger),
-    Column("operator", Text, nullable=False),
-    Column("arguments", Text, nullable=False),
-    Column("outcome", String(7)),
+    Column("duration_s", _DOUBLE, nullable=False),
+    Column("ended_tx", BIGINT),
+    Column("node", BIGINT),
+    Column("operator", TEXT, nullable=False),
+    Column("arguments", TEXT, nullable=False),
+    Column("outcome", VARCHAR(7)),
     # what its later effects depend on and was true at its start: conditions in PDDL, one a line
-    Column("remembered", Text),
+    Column("remembered", TEXT),
     # the conditions that did not hold and were overruled: in PDDL, one a line
-    Column("forced", Text),
+    Column("forced", TEXT),
     PrimaryKeyConstraint("kb_id", "number"),
     _knowledge_base(),
     sqlite_with_rowid=False,

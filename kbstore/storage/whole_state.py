@@ -31,7 +31,7 @@ def whole_state(kinds: Kinds) -> Statement:
 
 def _union(dialect: str, kinds: Kinds) -> Any:
     heads = tables.heads.c
-    head = sa.cast(sa.func.json_build_array(*(heads[name] for name in HEAD_COLUMNS)), sa.Text)
+    head = sa.cast(sa.func.json_build_array(*(heads[name] for name in HEAD_COLUMNS)), sa.TEXT)
     branches = [
         sa.select(
             constant(_HEAD), heads.last_number, heads.last_time, sa.false(), *_own(kinds, None, None), head
@@ -40,7 +40,7 @@ def _union(dialect: str, kinds: Kinds) -> Any:
     for kind in kinds:
         rows = for_kind[kind].holding.core(dialect).subquery(f"holding_{int(kind)}")
         common = (rows.c.timeline_id, rows.c.initial_time, rows.c.is_negative)
-        branches.append(sa.select(constant(int(kind)), *common, *_own(kinds, kind, rows), sa.cast(sa.null(), sa.Text)))
+        branches.append(sa.select(constant(int(kind)), *common, *_own(kinds, kind, rows), sa.cast(sa.null(), sa.TEXT)))
     return sa.union_all(*branches)
 
 

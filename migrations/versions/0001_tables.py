@@ -13,32 +13,33 @@ depends_on = None
 
 OPEN = 9223372036854775807
 
-KEY = sa.Text().with_variant(sa.Text(collation="C"), "postgresql")
+KEY = sa.TEXT().with_variant(sa.TEXT(collation="C"), "postgresql")
+DOUBLE: sa.Double[float] = sa.DOUBLE().with_variant(sa.DOUBLE_PRECISION(), "postgresql")
 
 
 def upgrade() -> None:
     """Create the tables, then their indexes."""
     create_knowledge_bases()
     create_timelines()
-    create_assertions("instances", sa.Column("instance_type", sa.Text, nullable=False))
+    create_assertions("instances", sa.Column("instance_type", sa.TEXT, nullable=False))
     create_assertions("facts")
     create_assertions(
         "functions",
-        sa.Column("function_value", sa.Double, nullable=False),
-        sa.Column("own_rate", sa.Double, nullable=False),
-        sa.Column("rate", sa.Double, nullable=False),
+        sa.Column("function_value", DOUBLE, nullable=False),
+        sa.Column("own_rate", DOUBLE, nullable=False),
+        sa.Column("rate", DOUBLE, nullable=False),
     )
     create_assertions(
         "expressions",
-        sa.Column("optimization", sa.Text, nullable=False),
-        sa.Column("expr", sa.Text, nullable=False),
+        sa.Column("optimization", sa.TEXT, nullable=False),
+        sa.Column("expr", sa.TEXT, nullable=False),
     )
     create_assertions(
         "inequalities",
-        sa.Column("comparison_type", sa.SmallInteger, nullable=False),
-        sa.Column("lhs", sa.Text, nullable=False),
-        sa.Column("rhs", sa.Text, nullable=False),
-        sa.Column("grounded", sa.Boolean, nullable=False),
+        sa.Column("comparison_type", sa.SMALLINT, nullable=False),
+        sa.Column("lhs", sa.TEXT, nullable=False),
+        sa.Column("rhs", sa.TEXT, nullable=False),
+        sa.Column("grounded", sa.BOOLEAN, nullable=False),
     )
     create_side_tables()
     create_runs()
@@ -70,39 +71,39 @@ def create_knowledge_bases() -> None:
     """The directory and the heads, and what has one row for each change of a whole knowledge base."""
     op.create_table(
         "knowledge_bases",
-        sa.Column("id", sa.Integer, nullable=False, autoincrement=False),
-        sa.Column("name", sa.Text, nullable=False),
-        sa.Column("use_unknowns", sa.Boolean, nullable=False),
+        sa.Column("id", sa.INTEGER, nullable=False, autoincrement=False),
+        sa.Column("name", sa.TEXT, nullable=False),
+        sa.Column("use_unknowns", sa.BOOLEAN, nullable=False),
         sa.PrimaryKeyConstraint("id", name="pk_knowledge_bases"),
         sa.UniqueConstraint("name", name="uq_knowledge_bases_name"),
     )
     op.create_table(
         "heads",
-        sa.Column("kb_id", sa.Integer, nullable=False),
-        sa.Column("domain_version", sa.Integer, nullable=False),
-        sa.Column("present", sa.Integer, nullable=False),
-        sa.Column("last_number", sa.BigInteger, nullable=False),
-        sa.Column("last_time", sa.BigInteger, nullable=False),
-        sa.Column("last_token", sa.BigInteger, nullable=False),
-        sa.Column("last_late", sa.BigInteger, nullable=False),
-        sa.Column("last_timeline", sa.BigInteger, nullable=False),
-        sa.Column("last_run", sa.BigInteger, nullable=False),
-        sa.Column("history_from", sa.BigInteger, nullable=False),
-        sa.Column("source", sa.Text),
+        sa.Column("kb_id", sa.INTEGER, nullable=False),
+        sa.Column("domain_version", sa.INTEGER, nullable=False),
+        sa.Column("present", sa.INTEGER, nullable=False),
+        sa.Column("last_number", sa.BIGINT, nullable=False),
+        sa.Column("last_time", sa.BIGINT, nullable=False),
+        sa.Column("last_token", sa.BIGINT, nullable=False),
+        sa.Column("last_late", sa.BIGINT, nullable=False),
+        sa.Column("last_timeline", sa.BIGINT, nullable=False),
+        sa.Column("last_run", sa.BIGINT, nullable=False),
+        sa.Column("history_from", sa.BIGINT, nullable=False),
+        sa.Column("source", sa.TEXT),
         sa.PrimaryKeyConstraint("kb_id", name="pk_heads"),
         knowledge_base_of("heads"),
     )
     op.create_table(
         "transactions",
-        sa.Column("kb_id", sa.Integer, nullable=False),
-        sa.Column("changes", sa.Integer, nullable=False),
-        sa.Column("number", sa.BigInteger, nullable=False),
-        sa.Column("recorded_time", sa.BigInteger, nullable=False),
-        sa.Column("token", sa.BigInteger, nullable=False),
-        sa.Column("last_timeline", sa.BigInteger, nullable=False),
-        sa.Column("late_from", sa.BigInteger),
-        sa.Column("client", sa.Text),
-        sa.Column("note", sa.Text),
+        sa.Column("kb_id", sa.INTEGER, nullable=False),
+        sa.Column("changes", sa.INTEGER, nullable=False),
+        sa.Column("number", sa.BIGINT, nullable=False),
+        sa.Column("recorded_time", sa.BIGINT, nullable=False),
+        sa.Column("token", sa.BIGINT, nullable=False),
+        sa.Column("last_timeline", sa.BIGINT, nullable=False),
+        sa.Column("late_from", sa.BIGINT),
+        sa.Column("client", sa.TEXT),
+        sa.Column("note", sa.TEXT),
         sa.PrimaryKeyConstraint("kb_id", "number", name="pk_transactions"),
         knowledge_base_of("transactions"),
         sqlite_with_rowid=False,
@@ -117,25 +118,25 @@ def create_knowledge_bases() -> None:
     )
     op.create_table(
         "domains",
-        sa.Column("kb_id", sa.Integer, nullable=False),
-        sa.Column("version", sa.Integer, nullable=False),
-        sa.Column("initial_time", sa.BigInteger, nullable=False),
-        sa.Column("recorded_tx", sa.BigInteger, nullable=False),
-        sa.Column("name", sa.Text, nullable=False),
-        sa.Column("source", sa.Text, nullable=False),
-        sa.Column("sensed", sa.Text, nullable=False),
+        sa.Column("kb_id", sa.INTEGER, nullable=False),
+        sa.Column("version", sa.INTEGER, nullable=False),
+        sa.Column("initial_time", sa.BIGINT, nullable=False),
+        sa.Column("recorded_tx", sa.BIGINT, nullable=False),
+        sa.Column("name", sa.TEXT, nullable=False),
+        sa.Column("source", sa.TEXT, nullable=False),
+        sa.Column("sensed", sa.TEXT, nullable=False),
         sa.PrimaryKeyConstraint("kb_id", "version", name="pk_domains"),
         knowledge_base_of("domains"),
         sqlite_with_rowid=False,
     )
     op.create_table(
         "symbols",
-        sa.Column("kb_id", sa.Integer, nullable=False),
-        sa.Column("knowledge_type", sa.SmallInteger, nullable=False),
+        sa.Column("kb_id", sa.INTEGER, nullable=False),
+        sa.Column("knowledge_type", sa.SMALLINT, nullable=False),
         sa.Column("key", KEY, nullable=False),
-        sa.Column("name", sa.Text, nullable=False),
-        sa.Column("arity", sa.Integer, nullable=False),
-        sa.Column("labels", sa.Text, nullable=False),
+        sa.Column("name", sa.TEXT, nullable=False),
+        sa.Column("arity", sa.INTEGER, nullable=False),
+        sa.Column("labels", sa.TEXT, nullable=False),
         sa.PrimaryKeyConstraint("kb_id", "knowledge_type", "key", name="pk_symbols"),
         knowledge_base_of("symbols"),
         sqlite_with_rowid=False,
@@ -146,12 +147,12 @@ def create_timelines() -> None:
     """Timelines, and which objects they mention."""
     op.create_table(
         "timelines",
-        sa.Column("kb_id", sa.Integer, nullable=False),
-        sa.Column("role", sa.SmallInteger, nullable=False),
-        sa.Column("knowledge_type", sa.SmallInteger, nullable=False),
-        sa.Column("id", sa.BigInteger, nullable=False),
+        sa.Column("kb_id", sa.INTEGER, nullable=False),
+        sa.Column("role", sa.SMALLINT, nullable=False),
+        sa.Column("knowledge_type", sa.SMALLINT, nullable=False),
+        sa.Column("id", sa.BIGINT, nullable=False),
         sa.Column("key", KEY, nullable=False),
-        sa.Column("spelling", sa.Text),
+        sa.Column("spelling", sa.TEXT),
         sa.PrimaryKeyConstraint("kb_id", "id", name="pk_timelines"),
         knowledge_base_of("timelines"),
         sqlite_with_rowid=False,
@@ -159,9 +160,9 @@ def create_timelines() -> None:
     create_index("ux_timelines_key", "timelines", ["kb_id", "role", "knowledge_type", "key"], unique=True)
     op.create_table(
         "mentions",
-        sa.Column("kb_id", sa.Integer, nullable=False),
-        sa.Column("object_id", sa.BigInteger, nullable=False),
-        sa.Column("timeline_id", sa.BigInteger, nullable=False),
+        sa.Column("kb_id", sa.INTEGER, nullable=False),
+        sa.Column("object_id", sa.BIGINT, nullable=False),
+        sa.Column("timeline_id", sa.BIGINT, nullable=False),
         sa.PrimaryKeyConstraint("kb_id", "object_id", "timeline_id", name="pk_mentions"),
         sqlite_with_rowid=False,
     )
@@ -171,18 +172,18 @@ def create_assertions(table: str, *own: sa.Column[object]) -> None:
     """One of the five tables of assertions, with its own columns and the indexes that all of them have."""
     op.create_table(
         table,
-        sa.Column("kb_id", sa.Integer, nullable=False),
-        sa.Column("seq", sa.Integer, nullable=False),
-        sa.Column("recorded_tx", sa.BigInteger, nullable=False),
-        sa.Column("timeline_id", sa.BigInteger, nullable=False),
-        sa.Column("initial_time", sa.BigInteger, nullable=False),
-        sa.Column("end_time", sa.BigInteger, nullable=False),
-        sa.Column("ended_tx", sa.BigInteger),
-        sa.Column("retired_tx", sa.BigInteger),
-        sa.Column("told_tx", sa.BigInteger),
-        sa.Column("level", sa.SmallInteger, nullable=False),
-        sa.Column("end_cause", sa.SmallInteger),
-        sa.Column("is_negative", sa.Boolean, nullable=False),
+        sa.Column("kb_id", sa.INTEGER, nullable=False),
+        sa.Column("seq", sa.INTEGER, nullable=False),
+        sa.Column("recorded_tx", sa.BIGINT, nullable=False),
+        sa.Column("timeline_id", sa.BIGINT, nullable=False),
+        sa.Column("initial_time", sa.BIGINT, nullable=False),
+        sa.Column("end_time", sa.BIGINT, nullable=False),
+        sa.Column("ended_tx", sa.BIGINT),
+        sa.Column("retired_tx", sa.BIGINT),
+        sa.Column("told_tx", sa.BIGINT),
+        sa.Column("level", sa.SMALLINT, nullable=False),
+        sa.Column("end_cause", sa.SMALLINT),
+        sa.Column("is_negative", sa.BOOLEAN, nullable=False),
         *own,
         sa.PrimaryKeyConstraint("kb_id", "recorded_tx", "seq", name=f"pk_{table}"),
         sa.ForeignKeyConstraint(
@@ -200,16 +201,16 @@ def create_side_tables() -> None:
     """What was scheduled, and how stored rows were changed."""
     op.create_table(
         "schedules",
-        sa.Column("kb_id", sa.Integer, nullable=False),
-        sa.Column("seq", sa.Integer, nullable=False),
-        sa.Column("recorded_tx", sa.BigInteger, nullable=False),
-        sa.Column("timeline_id", sa.BigInteger, nullable=False),
-        sa.Column("recorded_time", sa.BigInteger, nullable=False),
-        sa.Column("initial_time", sa.BigInteger, nullable=False),
-        sa.Column("until_time", sa.BigInteger, nullable=False),
-        sa.Column("node", sa.BigInteger),
-        sa.Column("knowledge_type", sa.SmallInteger, nullable=False),
-        sa.Column("is_derived", sa.Boolean, nullable=False),
+        sa.Column("kb_id", sa.INTEGER, nullable=False),
+        sa.Column("seq", sa.INTEGER, nullable=False),
+        sa.Column("recorded_tx", sa.BIGINT, nullable=False),
+        sa.Column("timeline_id", sa.BIGINT, nullable=False),
+        sa.Column("recorded_time", sa.BIGINT, nullable=False),
+        sa.Column("initial_time", sa.BIGINT, nullable=False),
+        sa.Column("until_time", sa.BIGINT, nullable=False),
+        sa.Column("node", sa.BIGINT),
+        sa.Column("knowledge_type", sa.SMALLINT, nullable=False),
+        sa.Column("is_derived", sa.BOOLEAN, nullable=False),
         sa.PrimaryKeyConstraint("kb_id", "recorded_tx", "seq", name="pk_schedules"),
         sqlite_with_rowid=False,
     )
@@ -217,13 +218,13 @@ def create_side_tables() -> None:
     create_index("ix_schedules_initial_time", "schedules", ["kb_id", "initial_time"])
     op.create_table(
         "revisions",
-        sa.Column("kb_id", sa.Integer, nullable=False),
-        sa.Column("seq", sa.Integer, nullable=False),
-        sa.Column("tx", sa.BigInteger, nullable=False),
-        sa.Column("recorded_tx", sa.BigInteger, nullable=False),
-        sa.Column("end_before", sa.BigInteger, nullable=False),
-        sa.Column("knowledge_type", sa.SmallInteger, nullable=False),
-        sa.Column("what", sa.SmallInteger, nullable=False),
+        sa.Column("kb_id", sa.INTEGER, nullable=False),
+        sa.Column("seq", sa.INTEGER, nullable=False),
+        sa.Column("tx", sa.BIGINT, nullable=False),
+        sa.Column("recorded_tx", sa.BIGINT, nullable=False),
+        sa.Column("end_before", sa.BIGINT, nullable=False),
+        sa.Column("knowledge_type", sa.SMALLINT, nullable=False),
+        sa.Column("what", sa.SMALLINT, nullable=False),
         sa.PrimaryKeyConstraint("kb_id", "tx", "recorded_tx", "seq", name="pk_revisions"),
         sqlite_with_rowid=False,
     )
@@ -233,20 +234,20 @@ def create_runs() -> None:
     """What runs, and what it adds to the rates of functions."""
     op.create_table(
         "runs",
-        sa.Column("kb_id", sa.Integer, nullable=False),
-        sa.Column("number", sa.BigInteger, nullable=False),
-        sa.Column("recorded_tx", sa.BigInteger, nullable=False),
-        sa.Column("initial_time", sa.BigInteger, nullable=False),
-        sa.Column("duration", sa.BigInteger, nullable=False),
-        sa.Column("end_time", sa.BigInteger, nullable=False),
-        sa.Column("duration_s", sa.Double, nullable=False),
-        sa.Column("ended_tx", sa.BigInteger),
-        sa.Column("node", sa.BigInteger),
-        sa.Column("operator", sa.Text, nullable=False),
-        sa.Column("arguments", sa.Text, nullable=False),
-        sa.Column("outcome", sa.String(7)),
-        sa.Column("remembered", sa.Text),
-        sa.Column("forced", sa.Text),
+        sa.Column("kb_id", sa.INTEGER, nullable=False),
+        sa.Column("number", sa.BIGINT, nullable=False),
+        sa.Column("recorded_tx", sa.BIGINT, nullable=False),
+        sa.Column("initial_time", sa.BIGINT, nullable=False),
+        sa.Column("duration", sa.BIGINT, nullable=False),
+        sa.Column("end_time", sa.BIGINT, nullable=False),
+        sa.Column("duration_s", DOUBLE, nullable=False),
+        sa.Column("ended_tx", sa.BIGINT),
+        sa.Column("node", sa.BIGINT),
+        sa.Column("operator", sa.TEXT, nullable=False),
+        sa.Column("arguments", sa.TEXT, nullable=False),
+        sa.Column("outcome", sa.VARCHAR(7)),
+        sa.Column("remembered", sa.TEXT),
+        sa.Column("forced", sa.TEXT),
         sa.PrimaryKeyConstraint("kb_id", "number", name="pk_runs"),
         knowledge_base_of("runs"),
         sqlite_with_rowid=False,
