@@ -7,7 +7,6 @@ and leaves the work to `kbstore.reading`, `kbstore.writing` and `kbstore.transfe
 import os
 import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
 from copy import copy
 from functools import cache, partial
 from pathlib import Path
@@ -203,18 +202,9 @@ class KnowledgeBase:
             note=note,
             expect=expect,
             validate=self._validate,
-            guard=self._alone,
+            refuse_writing=self._refuse_writing,
+            writing=self._writing,
         )
-
-    @contextmanager
-    def _alone(self) -> Iterator[None]:
-        """Allow one transaction at a time in a thread."""
-        self._refuse_writing()
-        self._writing.open = True
-        try:
-            yield
-        finally:
-            self._writing.open = False
 
     def _refuse_writing(self) -> None:
         if self._is_archive:

@@ -222,14 +222,14 @@ class StoreConnection(ABC):
             self._execute(text, **how)
             self._has_written = False
             self.in_transaction = True
+            if write:
+                self._log_wait(started)
         except self._error as error:
             raise self._failure(error) from error
         except BaseException:
             # an interrupt takes effect after the wait for a lock, when the transaction has begun
             self.rollback()
             raise
-        if write:
-            self._log_wait(started)
 
     @abstractmethod
     def _beginning(self, *, write: bool) -> tuple[str, dict[str, Any]]:
@@ -263,16 +263,15 @@ class StoreConnection(ABC):
 
     def rollback(self) -> None:
         """Roll the transaction back; a connection that is lost has done so already."""
+        if not self.is_lost:
+            self._execute, self._cursor = self._executing.execute, self._executing.cursor
+            try:
+                if self._must_roll_back():
+                    self._execute("ROLLBACK")
+            except self._error:
+                # whatever the reason: a dropped connection has no transaction any more
+                self.is_lost = True
         self.in_transaction = False
-        if self.is_lost:
-            return
-        self._execute, self._cursor = self._executing.execute, self._executing.cursor
-        try:
-            if self._must_roll_back():
-                self._execute("ROLLBACK")
-        except self._error:
-            # whatever the reason: a dropped connection has no transaction any more
-            self.is_lost = True
 
     def _must_roll_back(self) -> bool:
         """Return whether the database still has the transaction."""
@@ -313,9 +312,10 @@ class StoreConnection(ABC):
 
     # -- the connection ---------------------------------------------------------------------------------------
 
-    def is_settled(self) -> bool:
-        """Return whether nothing is under way, at the end of a use: no transaction, and no answer still to come."""
-        return True
+    def settle(self) -> None:
+        """Roll back a transaction that an interrupt has left open; called at the end of the last use."""
+        if self.in_transaction:
+            self.rollback()
 
     def is_alive(self) -> bool:
         """Return whether the connection can be used, as far as is known without waiting."""

@@ -139,6 +139,12 @@ class Connections(ABC):
         return closing or not self._is_sqlite
 
 
+def release_taken(lock: Any) -> None:
+    """Release a lock after an exception while it was acquired: an interrupt may come when it has been."""
+    if lock._is_owned():
+        lock.release()
+
+
 class ThreadConnections(Connections):
     """The connections of an SQLite engine of kbstore's own: one for each thread, for as long as the thread lives.
 
@@ -166,23 +172,28 @@ class ThreadConnections(Connections):
                 # wait for the fork, which otherwise might never get the lock that a busy thread takes again and again
                 with self.opening:
                     pass
-            # taken by another thread of a store in memory, by a fork, or by `close`
-            if not connection.lock.acquire(blocking=False):
-                self._wait_for(connection.lock)
-            connection.uses += 1
-            if self.is_closed:
-                self.checkin(connection)
-            elif connection.uses == 1 and connection.was_moved():
-                self.checkin(connection)
+            if not connection.uses and connection.was_moved():
                 raise self.moved()
-            else:
+            lock = connection.lock
+            try:
+                # taken by another thread of a store in memory, by a fork, or by `close`
+                if not lock.acquire(blocking=False):
+                    self._wait_for(lock)
+            except BaseException:
+                release_taken(lock)
+                raise
+            connection.uses += 1
+            if not self.is_closed:
                 return connection
+            self.checkin(connection)
 
     def checkin(self, connection: StoreConnection) -> None:
         """End a use of a connection; one that is lost, or of a store that was closed meanwhile, is closed."""
         connection.uses -= 1
-        if connection.is_lost and not connection.uses:
-            self._drop(connection)
+        if not connection.uses and (connection.in_transaction or connection.is_lost):
+            connection.settle()
+            if connection.is_lost:
+                self._drop(connection)
         connection.lock.release()
         if self.is_closed:
             # only after the release: `close` in another thread may just have found it locked, and left it open

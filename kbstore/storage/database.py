@@ -99,30 +99,21 @@ class Database:
         """Return a context manager of a connection on one snapshot; in a transaction of this thread, on that."""
         return _ReadSnapshot(self)
 
-    @contextmanager
-    def begin(self, borrowed: sa.Connection | None = None) -> Iterator[StoreConnection]:
-        """Begin a write transaction on a connection; it is committed at the end, rolled back after an exception.
+    def begin(self) -> "_Transaction":
+        """Return a context manager of a connection in a write transaction, committed at its end.
 
-        On a `borrowed` connection it is a savepoint in the caller's transaction, which the caller ends.
+        An exception rolls back.
         """
-        if borrowed is not None:
-            with self.wrap_errors(), self._savepoint(borrowed) as connection:
-                yield connection
-            return
-        with self.connect() as connection:
-            connection.begin(write=True)
-            try:
-                if isinstance(connection, SqliteConnection) and connection.has_moved():
-                    # SQLite would not notice, and write to a file that nobody finds any more
-                    raise self._connections.moved()
-                yield connection
-                connection.commit()
-            except BaseException:
-                connection.rollback()
-                raise
+        return _Transaction(self)
+
+    def refuse_moved(self, connection: StoreConnection) -> None:
+        """Raise `StoreUnavailable` if a file is not at its path any more, where nobody would find what is written."""
+        if isinstance(connection, SqliteConnection) and connection.has_moved():
+            raise self._connections.moved()
 
     @contextmanager
-    def _savepoint(self, borrowed: sa.Connection) -> Iterator[StoreConnection]:
+    def savepoint(self, borrowed: sa.Connection) -> Iterator[StoreConnection]:
+        """Use a connection of the caller's, in whose transaction a savepoint is; an exception rolls back to it."""
         if not isinstance(borrowed, sa.Connection):
             raise TypeError(
                 f"connection is a SQLAlchemy Connection, not {type(borrowed).__name__}; of an ORM session it is "
@@ -136,7 +127,7 @@ class Database:
         if borrowed.engine.pool is not self.engine.pool:
             with self.connect() as own:
                 expected = own.database()
-        with savepoint(borrowed, self._options, expected) as connection:
+        with self.wrap_errors(), savepoint(borrowed, self._options, expected) as connection:
             yield connection
 
     @contextmanager
@@ -158,7 +149,10 @@ def _opened(place: URL | Engine, options: Options) -> ThreadConnections | Pooled
 
 
 class _Checkout:
-    """`Database.connect`, as a class: a generator would cost as much as the statement."""
+    """`Database.connect`, as a class.
+
+    A generator would cost as much as the statement, and an interrupt could leave it suspended.
+    """
 
     __slots__ = ("_connection", "_database")
 
@@ -202,3 +196,33 @@ class _ReadSnapshot(_Checkout):
             super().__exit__(kind, error, trace)
         if isinstance(error, self._database.errors):
             raise self._database.failure(error) from error
+
+
+class _Transaction(_Checkout):
+    """`Database.begin`, as a class for the same reasons."""
+
+    __slots__ = ()
+
+    def __enter__(self) -> StoreConnection:
+        connection = super().__enter__()
+        try:
+            connection.begin(write=True)
+            self._database.refuse_moved(connection)
+        except BaseException as error:
+            self.__exit__(type(error), error, error.__traceback__)
+            raise
+        return connection
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        try:
+            if kind is None:
+                self._connection.commit()
+            else:
+                self._connection.rollback()
+        except BaseException:
+            self._connection.rollback()
+            raise
+        finally:
+            super().__exit__(kind, error, trace)

@@ -4,6 +4,7 @@ import os
 import threading
 import weakref
 from abc import abstractmethod
+from queue import Empty, SimpleQueue
 from typing import Any, ClassVar
 
 from sqlalchemy import Connection, Engine, event
@@ -51,12 +52,12 @@ class PooledConnections(Connections):
         connection.uses -= 1
         # not one of the parent's, in a forked child
         if not connection.uses and connection in self._open:
-            self._open.remove(connection)
-            self._local.connection = None
-            if not connection.is_settled():
-                # an interrupt cut an answer off, which would be taken for that of the next statement
-                connection.is_lost = True
-            self._return(connection)
+            try:
+                self._open.remove(connection)
+                connection.settle()
+            finally:
+                self._local.connection = None
+                self._return(connection)
 
     @abstractmethod
     def _take(self) -> StoreConnection:
@@ -136,7 +137,7 @@ class ServerPool:
         self._size = pool_size(url)
         self._users = 0
         self._idle: list[PostgresqlConnection] = []
-        self._room = threading.Semaphore(self._size)
+        self._room = self._all_room()
         errors = DBAPIError, engine.dialect.loaded_dbapi.Error, OSError
         self.listener = Listener(url.render_as_string(hide_password=True), self._connect_alone, errors)
 
@@ -161,13 +162,22 @@ class ServerPool:
                 del self._shared[key]
         self._close_idle()
 
+    def _all_room(self) -> SimpleQueue[None]:
+        """Return a semaphore; one of `threading` would stay locked after an interrupt within it."""
+        room: SimpleQueue[None] = SimpleQueue()
+        for _ in range(self._size):
+            room.put(None)
+        return room
+
     def get(self, options: Options) -> PostgresqlConnection:
         """Return a connection for one user. Raises `StoreUnavailable` if all are in use for over `busy_timeout` s."""
-        if not self._room.acquire(timeout=options.busy_timeout):
+        try:
+            self._room.get(timeout=options.busy_timeout)
+        except Empty:
             raise StoreUnavailable(
                 f"{options.store}: all {self._size} connections of this process have been in use for more than "
                 f"{options.busy_timeout:g} s; end transactions sooner, or allow more: pool_size=... in the URL"
-            )
+            ) from None
         try:
             while self._idle:
                 connection = self._idle.pop()
@@ -178,7 +188,7 @@ class ServerPool:
                 connection.handle.invalidate()
             return self._connect(options)
         except BaseException:
-            self._room.release()
+            self._room.put(None)
             raise
 
     def _connect(self, options: Options) -> PostgresqlConnection:
@@ -198,13 +208,15 @@ class ServerPool:
 
     def put(self, connection: PostgresqlConnection) -> None:
         """Return a connection to the pool, or close it if it is lost."""
-        if connection.is_lost:
-            connection.handle.invalidate()
-        else:
-            self._idle.append(connection)
-            if not self._users:
-                self._close_idle()
-        self._room.release()
+        try:
+            if connection.is_lost:
+                connection.handle.invalidate()
+            else:
+                self._idle.append(connection)
+                if not self._users:
+                    self._close_idle()
+        finally:
+            self._room.put(None)
 
     def _close_idle(self) -> None:
         while self._idle:
@@ -219,7 +231,7 @@ class ServerPool:
         ServerPool._lock = threading.Lock()
         inherited.extend(self._idle)
         self._idle = []
-        self._room = threading.Semaphore(self._size)
+        self._room = self._all_room()
         self.listener.forget_parent()
 
 

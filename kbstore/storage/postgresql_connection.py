@@ -247,11 +247,15 @@ class PostgresqlConnection(StoreConnection):
         del error
         self.is_lost = self.is_lost or bool(self.driver.closed)
 
-    def is_settled(self) -> bool:
-        """Return whether nothing is under way, at the end of a use: no transaction, and no answer still to come."""
+    def settle(self) -> None:
+        """Roll back a transaction that an interrupt has left open; drop the connection if an answer is still to come.
+
+        It would be taken for that of the next statement.
+        """
+        super().settle()
         protocol = self.driver.pgconn
         # both are 0 on a connection that is idle
-        return not protocol.transaction_status and not protocol.pipeline_status
+        self.is_lost = self.is_lost or bool(protocol.transaction_status or protocol.pipeline_status)
 
     def is_alive(self) -> bool:
         """Return whether the connection can be used, as far as is known without waiting."""

@@ -2,8 +2,9 @@
 
 import json
 import os
+import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import contextmanager
 from hashlib import sha256
 from types import TracebackType
 from typing import Self, TypeVar
@@ -56,9 +57,11 @@ class OpenTransaction:
         client: str = "",
         note: str = "",
         expect: int | None = None,
-        validate: bool = True,
-        guard: Callable[[], AbstractContextManager[None]] = nullcontext,
+        validate: bool,
+        refuse_writing: Callable[[], None],
+        writing: threading.local,
     ) -> None:
+        """`refuse_writing` raises if nothing may be written; `writing.open` says that a transaction is, in a thread."""
         for text, what in ((client, "client"), (note, "note")):
             check_text(text, what)
         self._reader = reader
@@ -69,26 +72,21 @@ class OpenTransaction:
         self._is_whole = True
         self._is_open = False
         self._loads: list[str] = []
-        self._guard = guard
+        self._refuse_writing = refuse_writing
+        self._writing = writing
 
     def __enter__(self) -> Self:
-        self._context = self._run()
-        self._context.__enter__()
-        return self
-
-    @contextmanager
-    def _run(self) -> Iterator[None]:
-        """Begin, and after the block store and commit; an error in storing rolls back, like one in the block."""
-        with self._guard(), self._reader.database.begin(self._reader.borrowed) as connection:
+        self._refuse_writing()
+        database, borrowed = self._reader.database, self._reader.borrowed
+        self._context = database.begin() if borrowed is None else database.savepoint(borrowed)
+        connection = self._context.__enter__()
+        try:
             self._begin(Repository(connection, self._reader.kb, self._reader.memory))
-            self._is_open = True
-            try:
-                yield
-            finally:
-                self._is_open = False
-            with gc_paused():
-                self.result = self._store()
-        self._repository.committed()
+            self._is_open = self._writing.open = True
+        except BaseException as error:
+            self.__exit__(type(error), error, error.__traceback__)
+            raise
+        return self
 
     def _begin(self, repository: Repository) -> None:
         reader = self._reader
@@ -129,7 +127,18 @@ class OpenTransaction:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        """Store and commit; an error in storing rolls back, like one in the block."""
+        self._is_open = self._writing.open = False
+        try:
+            if kind is None:
+                with gc_paused():
+                    self.result = self._store()
+        except BaseException as failure:
+            self._context.__exit__(type(failure), failure, failure.__traceback__)
+            raise
         self._context.__exit__(kind, error, trace)
+        if kind is None:
+            self._repository.committed()
 
     def _open_handlers(self) -> Handlers:
         """Return the handlers. Raises `Conflict` outside of the block, where updates would be lost silently."""

@@ -1,0 +1,121 @@
+"""An interrupt (Ctrl-C) at any moment of a call leaves nothing behind: the next call of the thread goes on."""
+
+import contextlib
+import gc
+import itertools
+import os
+import sys
+import threading
+
+import pytest
+
+import kbstore
+from kbstore.errors import StoreUnavailable
+
+ROOT = os.path.dirname(kbstore.__file__)
+pytestmark = pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+"""An interrupt while an object is deleted is reported, not raised."""
+
+ENDINGS = {"__exit__", "checkin", "_return", "put"}
+"""Functions that clean up: an interrupt before their first line cannot be helped."""
+
+
+class Interrupt:
+    """A profiler that raises `KeyboardInterrupt` at the nth moment at which CPython would raise it in kbstore.
+
+    CPython looks for signals when a function in Python begins, and when one in C has returned.
+    """
+
+    def __init__(self, n):
+        self.left = n
+        self.moment = None
+
+    def __call__(self, frame, event, function):
+        code = frame.f_code
+        is_ending = event == "call" and code.co_name in ENDINGS
+        if event not in ("call", "c_return") or is_ending or not self.is_in_kbstore(frame):
+            return
+        self.left -= 1
+        if self.left < 0:
+            sys.setprofile(None)
+            self.moment = f"{code.co_qualname}:{frame.f_lineno} {event} {getattr(function, '__name__', '')}"
+            raise KeyboardInterrupt
+
+    @staticmethod
+    def is_in_kbstore(frame):
+        caller = frame.f_back if frame.f_code.co_filename == contextlib.__file__ else frame
+        return caller.f_code.co_filename.startswith(ROOT)
+
+
+@pytest.fixture
+def no_collection():
+    """Without the garbage collector, whose calls would swallow the interrupt."""
+    gc.disable()
+    yield
+    gc.enable()
+
+
+CALLS = {
+    "a fact": lambda kb: kb.holds("(open hall)"),
+    "a condition": lambda kb: kb.holds("(and (open hall) (not (lit den)))"),
+    "a change": lambda kb: kb.add("(open den)"),
+}
+
+
+@pytest.fixture(params=["memory", "file", "postgresql"])
+def opened(request, tmp_path, name):
+    """A knowledge base, and the same opened by another where there can be one."""
+    if request.param == "memory":
+        place = "sqlite://"
+    elif request.param == "postgresql":
+        # an interrupt just before a connection is returned keeps it from the pool
+        place = f"{request.getfixturevalue('postgresql_url')}&pool_size=100"
+    else:
+        place = f"sqlite:///{tmp_path / 'store.db'}"
+    with kbstore.open(place, name, busy_timeout=0.5, durability="normal") as kb:
+        kb.add("(open hall)")
+        if request.param == "memory":
+            yield kb, kb
+        else:
+            with kbstore.open(place, name, busy_timeout=0.5, durability="normal") as other:
+                yield kb, other
+
+
+@pytest.mark.parametrize("call", CALLS.values(), ids=CALLS)
+def test_an_interrupt_leaves_nothing_open(opened, call, no_collection):
+    """Whenever it comes: no transaction, no lock; the thread goes on while the interrupt is still being handled."""
+    kb, other = opened
+    interrupted = 0
+    for n in itertools.count():
+        interrupt = Interrupt(n)
+        try:
+            sys.setprofile(interrupt)
+            call(kb)
+        except (KeyboardInterrupt, StoreUnavailable):
+            # psycopg may raise an error of its own for an interrupt
+            interrupted += 1
+            goes_on(kb, other, interrupt.moment)
+        finally:
+            sys.setprofile(None)
+        if interrupt.moment is None:
+            break
+    assert interrupted > 8
+
+
+def goes_on(kb, other, moment):
+    """Check that this thread, and another, see and write what they should."""
+    found = []
+
+    def ask():
+        found.append(other.holds("(open hall)"))
+        other.add("(lit den)")
+
+    thread = threading.Thread(target=ask)
+    thread.start()
+    thread.join()
+    assert found == [True], moment
+    assert kb.holds("(lit den)"), moment
+    assert kb.remove("(lit den)", "(open den)").number > 1, moment
+    assert {str(fact) for fact in kb.state().facts} == {"(open hall)"}, moment
+    assert not other.holds("(lit den)"), moment
+    assert not any(connection.uses for connection in kb._database._connections._open), moment
