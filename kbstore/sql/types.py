@@ -1,0 +1,70 @@
+"""The types of columns of time: nanoseconds, open ends as None, and `datetime`."""
+
+from datetime import UTC, datetime, timedelta
+from typing import Any
+
+from sqlalchemy import BigInteger, ColumnElement, Dialect, TypeDecorator, type_coerce
+from sqlalchemy.sql import operators
+from sqlalchemy.sql.operators import OperatorType
+
+from kbstore.clock import OPEN, TimeLike, time
+
+_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+
+
+class Nanoseconds(TypeDecorator[int]):
+    """A time in nanoseconds, None where it is open; compared with any time that kbstore takes (rule T2)."""
+
+    impl = BigInteger
+    cache_ok = True
+
+    def process_bind_param(self, value: TimeLike | None, dialect: Dialect) -> int | None:
+        """Return the nanoseconds of a time."""
+        return None if value is None else OPEN if value == OPEN else time(value)
+
+    def process_result_value(self, value: int | None, dialect: Dialect) -> int | None:
+        """Return None for an end that is open."""
+        return None if value == OPEN else value
+
+
+class End(Nanoseconds):
+    """The end of an assertion in a table; an open end is stored as the greatest number, which ``== None`` finds."""
+
+    cache_ok = True
+
+    class comparator_factory(TypeDecorator.Comparator[int]):
+        """Compares None as the greatest number."""
+
+        def operate(self, op: OperatorType, *other: Any, **options: Any) -> ColumnElement[Any]:
+            """Apply an operator of SQLAlchemy."""
+            if other == (None,) and op in _OF_NONE:
+                op, other = _OF_NONE[op], (OPEN,)
+            return super().operate(op, *other, **options)
+
+
+_OF_NONE = {
+    operators.eq: operators.eq,
+    operators.is_: operators.eq,
+    operators.ne: operators.ne,
+    operators.is_not: operators.ne,
+}
+
+
+class Timestamp(TypeDecorator[datetime]):
+    """A time as a `datetime` in UTC, which has microseconds; the rest of the nanoseconds is cut off."""
+
+    impl = BigInteger
+    cache_ok = True
+
+    def process_bind_param(self, value: TimeLike | None, dialect: Dialect) -> int | None:
+        """Return the nanoseconds of a time."""
+        return None if value is None else OPEN if value == OPEN else time(value)
+
+    def process_result_value(self, value: int | None, dialect: Dialect) -> datetime | None:
+        """Return None for an end that is open."""
+        return None if value is None or value == OPEN else _EPOCH + timedelta(microseconds=value // 1000)
+
+
+def as_datetime(column: ColumnElement[Any]) -> ColumnElement[datetime]:
+    """Return a column of time, in nanoseconds, as one of `datetime`."""
+    return type_coerce(column, Timestamp)
