@@ -7,7 +7,7 @@ def texts(items):
 
 
 def facts(kb, at=None, **belief):
-    """The facts of both signs that stand at a time."""
+    """The facts of both signs that hold at a time."""
     return texts(kb.state(at, **belief).facts)
 
 
@@ -22,7 +22,7 @@ def scheduled(kb, at=None, **belief):
 
 
 def picture(kb, at=None, **belief):
-    """Everything that a state says, for comparing one answer with another."""
+    """All content of a state, for comparing one answer with another."""
     state = kb.state(at, **belief)
     return {
         "instances": texts(state.instances),

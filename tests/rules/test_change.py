@@ -1,4 +1,4 @@
-"""Rules C1 to C8 and C11: what writing does to the timelines."""
+"""Rules C1 to C8 and C11: the effect of each write on its timelines."""
 
 import pytest
 
@@ -18,7 +18,7 @@ def item(text):
 
 
 def test_a_transaction_is_all_or_nothing(kb):
-    """C1: one bad update, and nothing of the transaction is stored."""
+    """C1: if one item is invalid, nothing of the transaction is stored."""
     before = picture(kb)
     with pytest.raises(kbstore.InvalidKnowledge):
         kb.update([(ADD, item("(raining)")), (REMOVE, item("wp0 - place")), (ADD, item("(open nowhere)"))])
@@ -33,14 +33,14 @@ def test_updates_apply_in_their_order(kb):
     assert facts(kb) == ["(raining)"]
 
 
-def test_only_the_last_word_of_a_transaction_is_recorded(kb):
-    """C1: of what is said about one timeline and one time."""
+def test_only_the_last_update_of_a_timeline_is_recorded(kb):
+    """C1: of several updates of one timeline for one time, the last is recorded."""
     kb.update([(ADD, item(f"(= (cost) {value})")) for value in (1, 2, 3)])
     assert [str(a.item) for a in kb.history("(cost)")] == ["(= (cost) 3)"]
 
 
-def test_the_last_word_counts_for_each_scheduled_time(kb):
-    """C1: of what is scheduled for one time in one transaction, too."""
+def test_the_last_update_for_each_scheduled_time_is_recorded(kb):
+    """C1: of several updates that one transaction schedules for one time, the last is recorded."""
     with kb.transaction() as tx:
         tx.add("(raining)", initial_time=START + 10)
         tx.add("(not (raining))", initial_time=START + 10)
@@ -63,7 +63,7 @@ def test_the_last_word_counts_for_each_scheduled_time(kb):
     ],
 )
 def test_a_transaction_that_changes_nothing_is_not_recorded(kb, steps):
-    """C1: it takes no number, and answers with the latest number and `changes` 0."""
+    """C1: it takes no number, and returns the latest number and `changes` 0."""
     latest = kb.add("(open wp0)", "(= (battery kenny) 5)")
     with kb.transaction() as tx:
         for method, text in steps:
@@ -75,7 +75,7 @@ def test_a_transaction_that_changes_nothing_is_not_recorded(kb, steps):
 
 
 def test_an_object_removed_and_added_again_has_lost_its_facts(kb, clock):
-    """C1: the object itself goes on; its facts end, unless they are added again with the same value."""
+    """C1: the object itself continues; its facts end, unless they are added again with the same value."""
     kb.add("(open wp0)", "(near kenny wp0)")
     clock.set(START + 10)
     with kb.transaction() as tx:
@@ -89,13 +89,13 @@ def test_an_object_removed_and_added_again_has_lost_its_facts(kb, clock):
 
 
 def test_changes_counts_the_timelines_that_changed(kb):
-    """C1: how many timelines changed; without any transaction the number is 0."""
+    """C1: `changes` is the number of timelines that changed; without a transaction the number is 0."""
     assert kb.add("(raining)", "(open wp0)", "(open wp1)").changes == 3
     assert kb.add("(raining)", "(not (open wp0))").changes == 1
     assert kb.remove("(open ?)").changes == 1
 
 
-def test_a_knowledge_base_that_was_never_written_answers_with_number_zero(bare):
+def test_an_empty_knowledge_base_returns_number_zero(bare):
     """C1: numbers begin at 1, so 0 means that nothing is recorded."""
     nothing = bare.remove("(p a)")
     assert (nothing.number, nothing.changes) == (0, 0)
@@ -103,7 +103,7 @@ def test_a_knowledge_base_that_was_never_written_answers_with_number_zero(bare):
 
 
 def test_a_transaction_carries_its_client_and_note(kb):
-    """C1: they are recorded with it."""
+    """C1: client and note are recorded with the transaction."""
     transaction = kb.add("(raining)", client="weather", note="hourly")
     assert (transaction.client, transaction.note, transaction.time) == ("weather", "hourly", START)
     (assertion,) = kb.history("(raining)")
@@ -111,7 +111,7 @@ def test_a_transaction_carries_its_client_and_note(kb):
 
 
 def test_leaving_a_transaction_by_an_exception_stores_nothing(kb):
-    """C1: within the block its writes are seen; after the exception they never happened."""
+    """C1: the block sees its own writes; an exception rolls them back."""
     before = picture(kb)
 
     def changing_my_mind():
@@ -164,7 +164,7 @@ def test_writing_through_the_knowledge_base_inside_a_transaction_is_an_error(kb)
     ],
 )
 def test_a_transaction_refuses_updates_outside_its_block(kb, act):
-    """C1: before the block and after it, an update would be lost silently."""
+    """C1: before and after the block an update would be lost silently."""
     kb.add("(open wp1)")
     before = facts(kb)
     with kb.transaction() as left:
@@ -179,7 +179,7 @@ def test_a_transaction_refuses_updates_outside_its_block(kb, act):
 
 
 def test_expect_refuses_if_another_transaction_came_between(kb):
-    """C1: optimistic writing; the transaction that was expected is the latest, or `Conflict`."""
+    """C1: optimistic locking: the expected transaction must be the latest, or it is a `Conflict`."""
     seen = kb.add("(raining)")
     with kb.transaction(expect=seen.number) as tx:
         tx.add("(open wp0)")
@@ -195,8 +195,8 @@ def test_expect_refuses_if_another_transaction_came_between(kb):
     "text",
     ["(open wp0)", "(not (open wp1))", "(= (battery kenny) 5)", "wp0 - place", "(> (cost) 3)", "minimize (cost)"],
 )
-def test_adding_what_stands_changes_nothing(kb, clock, text):
-    """C2: the same value for now; the assertion and its time stay as they are."""
+def test_adding_the_current_value_changes_nothing(kb, clock, text):
+    """C2: adding the same value for now keeps the assertion and its initial time."""
     first = kb.add("(open wp0)", "(not (open wp1))", "(= (battery kenny) 5)", "(> (cost) 3)", "minimize (cost)")
     clock.set(START + 10)
     again = kb.add(text)
@@ -204,7 +204,7 @@ def test_adding_what_stands_changes_nothing(kb, clock, text):
 
 
 def test_assigning_the_value_that_a_moving_function_has_reached_changes_nothing(kb, clock):
-    """C2: the same value at now and the same rate."""
+    """C2: value at now and rate are equal."""
     kb.add(Function(attribute_name="battery", values=["kenny"], function_value=10, rate=2))
     clock.set(START + seconds(3))
     assert kb.add(Function(attribute_name="battery", values=["kenny"], function_value=16, rate=2)).changes == 0
@@ -213,7 +213,7 @@ def test_assigning_the_value_that_a_moving_function_has_reached_changes_nothing(
     assert kb.add("(= (battery kenny) 10)").changes == 0
 
 
-def test_scheduling_what_is_scheduled_changes_nothing(kb, clock):
+def test_scheduling_an_assertion_again_changes_nothing(kb, clock):
     """C2: with the same value, for the same time."""
     first = kb.add("(raining)", "(= (cost) 3)", "box - item", initial_time=START + 10)
     clock.set(START + 5)
@@ -222,8 +222,8 @@ def test_scheduling_what_is_scheduled_changes_nothing(kb, clock):
     assert kb.add("(raining)", initial_time=START + 11).changes == 1
 
 
-def test_scheduling_what_stands_is_recorded(kb, clock):
-    """C2: it matters if what stands is removed in between."""
+def test_scheduling_the_current_value_is_recorded(kb, clock):
+    """C2: it takes effect if the current assertion is removed before that time."""
     kb.add("(raining)")
     assert kb.add("(raining)", initial_time=START + 10).changes == 1
     clock.set(START + 5)
@@ -234,8 +234,8 @@ def test_scheduling_what_stands_is_recorded(kb, clock):
 # -- C3 -----------------------------------------------------------------------------------------------------------
 
 
-def test_a_flip_of_the_sign_is_a_new_assertion_at_now(kb, clock):
-    """C3: on the same timeline; the time of the change is kept."""
+def test_a_change_of_sign_is_a_new_assertion_at_now(kb, clock):
+    """C3: the timeline is the same, and the time of the change is recorded."""
     kb.add("(raining)")
     clock.set(START + 10)
     kb.add("(not (raining))")
@@ -251,8 +251,8 @@ def test_a_flip_of_the_sign_is_a_new_assertion_at_now(kb, clock):
 # -- C4 -----------------------------------------------------------------------------------------------------------
 
 
-def test_removing_a_fact_ends_what_stands(kb, clock):
-    """C4: it is absent from then on, and the transaction that ended it is on record."""
+def test_removing_a_fact_ends_the_current_assertion(kb, clock):
+    """C4: the fact is absent from then on, and the transaction that ended it is recorded."""
     kb.add("(raining)")
     clock.set(START + 10)
     removal = kb.remove("(raining)")
@@ -270,7 +270,7 @@ def test_removing_a_fact_does_not_touch_its_explicit_negative(kb):
 
 
 def test_a_removed_fact_is_absent_until_its_next_scheduled_assertion(kb, clock):
-    """C4: what is scheduled is left alone."""
+    """C4: scheduled assertions are left alone."""
     kb.add("(raining)")
     kb.add("(raining)", initial_time=START + 20)
     clock.set(START + 10)
@@ -289,14 +289,14 @@ def test_a_removed_fact_is_absent_until_its_next_scheduled_assertion(kb, clock):
     ],
 )
 def test_a_pattern_removes_every_match(kb, pattern, left):
-    """C4, V7: each argument that is a wildcard matches any object."""
+    """C4, V7: each wildcard argument matches any object."""
     kb.add("robby - robot", "(near kenny wp0)", "(near kenny hall)", "(near robby hall)", "(open hall)")
     kb.remove(pattern)
     assert facts(kb) == left
 
 
-def test_removing_what_does_not_stand_changes_nothing(kb):
-    """C4: also where its objects do not exist."""
+def test_removing_an_absent_fact_changes_nothing(kb):
+    """C4: removing a fact that does not hold is no error, even where its objects do not exist."""
     latest = kb.add("(raining)")
     nothing = kb.remove("(open wp0)", "(near nobody nowhere)", "nobody", "(battery kenny)", "(battery nobody)")
     assert (nothing.number, nothing.changes) == (latest.number, 0)
@@ -319,7 +319,7 @@ def test_symbol_arity_and_labels_of_a_removal_are_checked(kb, pattern):
 
 
 def test_the_value_of_a_function_is_ignored_in_a_removal(kb):
-    """C4: any value ends it."""
+    """C4: a removal ends the function at any value."""
     kb.add("(= (battery kenny) 5)", "(= (cost) 1)")
     kb.remove("(= (battery kenny) 77)")
     kb.remove(Function(attribute_name="cost"))
@@ -327,7 +327,7 @@ def test_the_value_of_a_function_is_ignored_in_a_removal(kb):
 
 
 def test_the_type_of_an_object_must_match_if_it_is_given(kb):
-    """C4: otherwise nothing changes."""
+    """C4: where it does not match, nothing changes."""
     assert kb.remove("wp0 - robot").changes == 0
     assert "wp0 - place" in instances(kb)
     assert kb.remove("wp0 - place").changes == 1
@@ -336,7 +336,7 @@ def test_the_type_of_an_object_must_match_if_it_is_given(kb):
 
 
 def test_the_text_of_the_metric_must_match_if_it_is_given(kb):
-    """C4: otherwise nothing changes."""
+    """C4: where it does not match, nothing changes."""
     kb.add_metric("minimize (cost)")
     assert kb.remove_metric("minimize (total-time)").changes == 0
     assert str(kb.metric()) == "minimize (cost)"
@@ -356,7 +356,7 @@ def test_a_pattern_without_a_name_is_refused(kb, pattern):
 # -- C5 -----------------------------------------------------------------------------------------------------------
 
 
-def test_removing_with_a_future_time_cancels_what_is_scheduled_for_it(kb, clock):
+def test_removing_with_a_future_time_cancels_the_scheduled_assertion(kb, clock):
     """C5: it never takes effect, and stays on record with the transaction that cancelled it."""
     kb.add("(raining)", initial_time=START + 10)
     kb.add("(raining)", initial_time=START + 20)
@@ -371,7 +371,7 @@ def test_removing_with_a_future_time_cancels_what_is_scheduled_for_it(kb, clock)
 
 @pytest.mark.parametrize("offset", [9, 11])
 def test_cancelling_needs_the_exact_time(kb, offset):
-    """C5: another time cancels nothing, and what stands is left alone."""
+    """C5: another time cancels nothing, and the current assertion is left alone."""
     kb.add("(raining)")
     kb.add("(raining)", initial_time=START + 10)
     assert kb.remove("(raining)", initial_time=START + offset).changes == 0
@@ -379,7 +379,7 @@ def test_cancelling_needs_the_exact_time(kb, offset):
 
 
 def test_cancelling_matches_signs_and_patterns(kb):
-    """C5, V7: positive patterns cancel positive assertions."""
+    """C5, V7: positive patterns cancel positive assertions only."""
     at = START + 10
     kb.add("(open wp0)", "(open wp1)", "(not (open hall))", "(= (battery kenny) 3)", initial_time=at)
     kb.remove("(open ?)", "(battery ?)", initial_time=at)
@@ -388,8 +388,8 @@ def test_cancelling_matches_signs_and_patterns(kb):
     assert scheduled(kb) == []
 
 
-def test_a_removal_for_a_time_that_has_come_ends_what_stands(kb, clock):
-    """C4, C5: at its own time a scheduled assertion stands, and is ended rather than cancelled."""
+def test_removing_at_the_time_of_a_scheduled_assertion_ends_it(kb, clock):
+    """C4, C5: from its own time on a scheduled assertion is current, and is ended rather than cancelled."""
     kb.add("(raining)", initial_time=START + 10)
     clock.set(START + 10)
     kb.remove("(raining)", initial_time=START + 10)
@@ -402,7 +402,7 @@ def test_a_removal_for_a_time_that_has_come_ends_what_stands(kb, clock):
 
 
 def test_scheduling_another_value_for_a_time_replaces_the_earlier(kb, clock):
-    """C6: the earlier one is cancelled."""
+    """C6: the earlier assertion is cancelled."""
     kb.add("(= (cost) 1)", "(raining)", initial_time=START + 10)
     clock.set(START + 1)
     second = kb.add("(= (cost) 2)", "(not (raining))", initial_time=START + 10)
@@ -413,8 +413,8 @@ def test_scheduling_another_value_for_a_time_replaces_the_earlier(kb, clock):
     assert kb.value("(cost)", at=START + 10) == 2
 
 
-def test_another_type_needs_an_end_strictly_before(kb):
-    """C6: types may not overlap, nor touch."""
+def test_a_change_of_type_needs_an_end_strictly_before(kb):
+    """C6: existences of different types may neither overlap nor touch."""
     with pytest.raises(kbstore.InvalidKnowledge):
         kb.add("wp0 - robot", initial_time=START + 10)
     kb.add("(not (wp0 - place))", initial_time=START + 9)
@@ -423,8 +423,8 @@ def test_another_type_needs_an_end_strictly_before(kb):
     assert kinds == ["wp0 - robot"]
 
 
-def test_a_cancellation_after_which_two_types_meet_is_refused(kb):
-    """C6: the end between them stays."""
+def test_a_cancellation_that_makes_two_types_meet_is_refused(kb):
+    """C6: the end between them stays scheduled."""
     kb.add("(not (wp0 - place))", initial_time=START + 9)
     kb.add("wp0 - robot", initial_time=START + 20)
     before = picture(kb)
@@ -433,8 +433,8 @@ def test_a_cancellation_after_which_two_types_meet_is_refused(kb):
     assert picture(kb) == before
 
 
-def test_a_removal_after_which_two_types_meet_is_refused(kb, clock):
-    """C6: an object removed and added with another type at one time would have both at that time."""
+def test_a_removal_that_makes_two_types_meet_is_refused(kb, clock):
+    """C6: an object removed and added with another type at one time would have both types at that time."""
     clock.set(START + 10)
     with pytest.raises(kbstore.InvalidKnowledge, match="wp0"):
         kb.update([(REMOVE, item("wp0 - place")), (ADD, item("wp0 - robot"))])
@@ -456,7 +456,7 @@ def test_an_existence_of_no_length_does_not_count(kb, clock):
 
 
 def test_scheduling_an_existing_object_again_does_not_make_room_for_another_type(kb, clock):
-    """C6: scheduling what stands is not an end, so no end lies strictly before the other type."""
+    """C6: scheduling the current existence is not an end, so no end lies strictly before the other type."""
     kb.add("kenny - robot", initial_time=START + 10)
     clock.set(START + 10)
     with pytest.raises(kbstore.InvalidKnowledge, match="until then"):
@@ -465,7 +465,7 @@ def test_scheduling_an_existing_object_again_does_not_make_room_for_another_type
 
 
 def test_adjacent_existences_of_one_type_are_one(kb, clock):
-    """C6: scheduling what stands is not an end, so that facts go on across it."""
+    """C6: scheduling the current existence is not an end, so facts continue across it."""
     kb.add("(open wp0)")
     kb.add("wp0 - place", initial_time=START + 10)
     assert facts(kb, START + 9) == facts(kb, START + 10) == facts(kb, START + 11) == ["(open wp0)"]
@@ -497,7 +497,7 @@ def test_each_operation_does_what_its_name_says(kb, change, value):
     "operation", [AssignOp.INCREASE, AssignOp.DECREASE, AssignOp.SCALE_UP, AssignOp.SCALE_DOWN, AssignOp.ASSIGN_CTS]
 )
 def test_a_relative_change_of_an_undefined_function_is_an_error(kb, operation):
-    """C7: never from 0."""
+    """C7: an undefined function is not taken as 0."""
     with pytest.raises(kbstore.UndefinedFunction, match=r"battery kenny"):
         kb.add(Function(attribute_name="battery", values=["kenny"], function_value=2, assign_op=operation))
     assert kb.state().functions == []
@@ -507,7 +507,7 @@ def test_a_relative_change_of_an_undefined_function_is_an_error(kb, operation):
     "operation", [AssignOp.INCREASE, AssignOp.DECREASE, AssignOp.SCALE_UP, AssignOp.SCALE_DOWN, AssignOp.ASSIGN_CTS]
 )
 def test_a_relative_change_cannot_be_scheduled(kb, operation):
-    """C7: what it is relative to is not known yet."""
+    """C7: the value that it changes is not known yet."""
     kb.add("(= (cost) 12)")
     change = Function(attribute_name="cost", function_value=2, assign_op=operation, initial_time=START + 10)
     with pytest.raises(kbstore.ScheduledRelativeChange):
@@ -536,7 +536,7 @@ def test_the_value_read_follows_the_rule_to_the_last_bit(kb, clock):
 
 
 def test_relative_changes_keep_the_rate_and_use_the_value_at_now(kb, clock):
-    """C7: increase and its like."""
+    """C7: for increase, decrease, scale-up and scale-down."""
     kb.add(Function(attribute_name="cost", function_value=10, rate=2))
     clock.set(START + seconds(5))
     kb.add("(increase (cost) 4)")
@@ -548,7 +548,7 @@ def test_relative_changes_keep_the_rate_and_use_the_value_at_now(kb, clock):
 
 
 def test_assign_sets_value_and_rate(kb, clock):
-    """C7: the item's rate, 0 if absent."""
+    """C7: the rate is that of the item, 0 if absent."""
     kb.add(Function(attribute_name="cost", function_value=10, rate=2))
     clock.set(START + seconds(5))
     kb.add("(= (cost) 20)")
@@ -556,14 +556,14 @@ def test_assign_sets_value_and_rate(kb, clock):
 
 
 def test_an_assignment_with_a_rate_can_be_scheduled(kb):
-    """C7: it moves from its own time on."""
+    """C7: the value moves from the scheduled time on."""
     kb.add(Function(attribute_name="cost", function_value=10, rate=2, initial_time=START + seconds(5)))
     assert kb.value("(cost)", at=START + seconds(5)) == 10
     assert kb.value("(cost)", at=START + seconds(7)) == 14
 
 
 def test_dividing_by_zero_is_an_error(kb):
-    """C7: the value stays."""
+    """C7: the value does not change."""
     kb.add("(= (cost) 12)")
     with pytest.raises(kbstore.DivisionByZero):
         kb.add("(scale-down (cost) 0)")
@@ -581,7 +581,7 @@ def test_values_that_are_not_finite_are_refused(kb, value):
 
 
 def test_an_overflow_is_refused(kb):
-    """C7: the value stays finite."""
+    """C7: the stored value stays finite."""
     kb.add("(= (cost) 12)")
     kb.add(Function(attribute_name="cost", function_value=1e308))
     for change in ("(scale-up (cost) 10)", "(increase (cost) 1" + "0" * 308 + ")"):
@@ -594,7 +594,7 @@ def test_an_overflow_is_refused(kb):
 
 
 def test_an_object_has_one_type_while_it_exists(kb):
-    """C8: the same name with another type is refused, a subtype as well."""
+    """C8: the same name with another type is refused, even with a subtype."""
     for other in ("robot", "room", "object"):
         with pytest.raises(kbstore.InvalidKnowledge, match="wp0"):
             kb.add(f"wp0 - {other}")
@@ -602,7 +602,7 @@ def test_an_object_has_one_type_while_it_exists(kb):
 
 
 def test_objects_of_different_type_may_not_overlap_in_the_schedule(kb):
-    """C8: two scheduled existences."""
+    """C8: two scheduled existences of different type may not overlap."""
     kb.add("box - item", initial_time=START + 10)
     with pytest.raises(kbstore.InvalidKnowledge, match="box"):
         kb.add("box - robot", initial_time=START + 5)
@@ -626,7 +626,7 @@ def test_constants_cannot_be_added_or_removed(kb, method):
 
 
 def test_objects_has_the_constants_and_instances_has_not(kb):
-    """C8: objects() are those of a type and its subtypes."""
+    """C8: `objects` lists those of a type and its subtypes, constants included."""
     names = sorted(str(found).split()[0] for found in kb.state().objects("place"))
     assert names == ["galley", "hall", "home", "wp0", "wp1"]
     assert "home - place" not in instances(kb)
@@ -638,7 +638,7 @@ def test_objects_has_the_constants_and_instances_has_not(kb):
 
 
 def test_adding_a_metric_replaces_it(kb, clock):
-    """C11: it is one timeline."""
+    """C11: the metric is one timeline."""
     kb.add_metric("minimize (cost)")
     clock.set(START + 10)
     kb.add_metric("maximize (battery kenny)")
@@ -647,7 +647,7 @@ def test_adding_a_metric_replaces_it(kb, clock):
 
 
 def test_a_recorded_inequality_does_not_decide_a_question(kb):
-    """C11: it is kept with its times and sign, but asking always evaluates."""
+    """C11: it is recorded with its times and sign, but a question is always evaluated."""
     kb.add("(= (cost) 1)")
     kb.add("(> (cost) 5)")
     assert [str(i) for i in kb.state().inequalities] == ["(> (cost) 5)"]

@@ -24,14 +24,14 @@ def changed(open_kb):
 
 
 def test_a_symbol_of_an_earlier_domain_can_be_asked_over_a_span(changed):
-    """D4, Q4: it is known to some version in the span, and says nothing where it is not known."""
+    """D4, Q4: it is known to a version in the span; where it is not known, it is absent."""
     assert changed.when("(raining)", seconds(10), seconds(40)) == [(seconds(10), seconds(20))]
     assert changed.when("(not (raining))", seconds(10), seconds(40)) == [(seconds(20), seconds(40))]
     assert len(changed.history("(raining)")) == 1
 
 
 def test_a_symbol_that_no_version_in_the_span_knows_is_refused(changed):
-    """D4: neither a symbol that no domain ever had, nor one of another time."""
+    """D4: a symbol that no version has is refused, and so is one of another time."""
     with pytest.raises(kbstore.UnknownSymbol, match="snowing"):
         changed.when("(snowing)", seconds(10), seconds(40))
     with pytest.raises(kbstore.UnknownSymbol, match="raining"):

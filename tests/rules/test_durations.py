@@ -48,7 +48,7 @@ def shop(open_kb):
     ],
 )
 def test_a_duration_that_the_domain_does_not_allow_is_not_applicable(shop, operator, duration, constraint):
-    """O7: the constraint is named; nothing is stored."""
+    """O7: the constraint is named, and nothing is stored."""
     before = picture(shop)
     answer = shop.applicable(operator, duration=duration)
     assert [(f.condition, f.truth, f.since) for f in answer.failing] == [(constraint, Truth.FALSE, None)]
@@ -70,7 +70,7 @@ def test_the_constraints_are_evaluated_before_the_at_start_effects(shop):
     [(333_333_332, False), (333_333_333, True), (333_333_334, True), (333_333_335, False), (None, True)],
 )
 def test_a_duration_may_be_off_by_a_nanosecond(shop, given, allowed):
-    """O7: a third of a second is not a whole number of nanoseconds, and ?duration is exactly a third all the same."""
+    """O7: a third of a second is not a whole number of nanoseconds, yet ?duration is exactly a third."""
     if not allowed:
         with pytest.raises(kbstore.NotApplicable, match=r"\(= \?duration \(/ 1 \(third\)\)\)"):
             shop.start("cut", duration=given)
@@ -83,7 +83,7 @@ def test_a_duration_may_be_off_by_a_nanosecond(shop, given, allowed):
 
 
 def test_a_constraint_that_is_unknown_is_not_applicable(shop):
-    """O7: where what it reads is undefined, and where it divides by zero."""
+    """O7: a constraint is unknown where it reads an undefined function or divides by zero."""
     shop.remove("(limit)")
     shop.add("(= (third) 0)")
     for operator, constraint in (("between", "(<= ?duration (limit))"), ("cut", "(= ?duration (/ 1 (third)))")):
@@ -94,7 +94,7 @@ def test_a_constraint_that_is_unknown_is_not_applicable(shop):
         assert f"{constraint} is unknown" in str(refused.value)
 
 
-def test_force_overrules_constraints_and_says_which(shop, clock):
+def test_force_overrules_constraints_and_lists_them(shop, clock):
     """O7: `Run.forced` lists them, also later."""
     run = shop.start("fixed", duration=seconds(9), force=True)
     assert (run.duration, run.forced) == (seconds(9), ("(= ?duration 3)",))
@@ -109,7 +109,7 @@ def test_force_overrules_constraints_and_says_which(shop, clock):
 
 
 def test_force_overrules_nothing_else(shop):
-    """O7: at-start conditions, what is started twice, and effects that cannot be are refused all the same."""
+    """O7: at-start conditions, a second start and impossible effects are refused all the same."""
     shop.remove("(idle)")
     with pytest.raises(kbstore.NotApplicable) as refused:
         shop.start("between", duration=seconds(1), force=True)
@@ -121,7 +121,7 @@ def test_force_overrules_nothing_else(shop):
 
 
 def test_constraints_at_end_are_reported_by_the_end(shop, clock):
-    """O7: on the state at the end, for the ?duration of the start; how long it really took is not judged."""
+    """O7: evaluated on the state at the end, with the ?duration of the start; the real duration is not checked."""
     assert shop.applicable("late", duration=seconds(4))
     run = shop.start("late", duration=seconds(4))
     clock.advance(seconds(9))
@@ -136,7 +136,7 @@ def test_constraints_at_end_are_reported_by_the_end(shop, clock):
 
 @pytest.mark.parametrize("given", [1, 20, 999_999])
 def test_a_bare_number_below_a_millisecond_is_refused(shop, given):
-    """O7, T2: it is meant as seconds."""
+    """O7, T2: it was probably meant as seconds."""
     for ask in (shop.start, shop.applicable):
         with pytest.raises(kbstore.InvalidTime, match=rf"write kbstore.seconds\({given}\)"):
             ask("upto", duration=given)
@@ -144,25 +144,25 @@ def test_a_bare_number_below_a_millisecond_is_refused(shop, given):
 
 @pytest.mark.parametrize("given", [0, 1_000_000, timedelta(microseconds=20), {"sec": 0, "nanosec": 7}])
 def test_a_short_duration_can_be_given(shop, given):
-    """O7, T2: nothing is nothing in any unit, and a `timedelta` or a stamp says its own."""
+    """O7, T2: 0 is 0 in any unit, and a `timedelta` or a stamp has its own unit."""
     assert shop.start("upto", duration=given).duration == kbstore.clock.duration(given)
 
 
-def test_a_duration_of_nothing(shop):
-    """O7: an action may take no time."""
+def test_a_duration_may_be_zero(shop):
+    """O7: the duration of an action may be 0."""
     run = shop.start("blink")
     assert (run.duration, run.expected_end) == (0, START)
     assert shop.end(run).failing == []
 
 
 def test_an_instantaneous_action_has_no_duration(shop):
-    """O7: asking for one is a mistake."""
+    """O7: giving one is an error."""
     with pytest.raises(kbstore.InvalidKnowledge, match="takes no time"):
         shop.applicable("look", duration=seconds(1))
 
 
-def test_applicability_without_a_duration_asks_the_rest(shop):
-    """O6, O7: where none is given or fixed, the start alone is checked."""
+def test_applicability_without_a_duration_checks_the_start(shop):
+    """O6, O7: where no duration is given or fixed, only the start is checked."""
     assert shop.applicable("between")
     shop.remove("(idle)")
     assert [f.condition for f in shop.applicable("between").failing] == ["(idle)"]

@@ -80,7 +80,7 @@ def rows(found):
 
 
 @pytest.mark.parametrize(("condition", "expected"), FOUND, ids=[condition for condition, _ in FOUND])
-def test_the_bindings_are_those_for_which_it_is_true(world, condition, expected):
+def test_find_returns_the_bindings_that_make_the_condition_true(world, condition, expected):
     """V11: joins, negation, comparisons, quantifiers, rules; without repetition, in the order of the objects."""
     for ask in (world.find, world.state().find, lambda text: world.find(text, at=START, as_of=START)):
         found = ask(condition)
@@ -88,7 +88,7 @@ def test_the_bindings_are_those_for_which_it_is_true(world, condition, expected)
 
 
 def test_variables_are_named_as_written(world):
-    """V11: mappings from variable to object; D3: as first written, in any case."""
+    """V11, D3: the keys are the variables as first written, in any case."""
     assert world.find("(and (robot_at ?R ?w) (> (battery ?r) 20))") == [{"R": "Kenny", "w": "wp0"}]
 
 
@@ -104,7 +104,7 @@ def test_variables_are_named_as_written(world):
         "(imply (visited ?w) (raining))",
     ],
 )
-def test_a_variable_that_nothing_binds_needs_a_type(world, condition):
+def test_an_unbound_variable_needs_a_type(world, condition):
     """V11: where a branch is true without it, it could be anything; `=` and `forall` bind nothing."""
     with pytest.raises(InvalidKnowledge, match=r"give its type where it first occurs: \?\w - object"):
         world.find(condition)
@@ -123,15 +123,15 @@ def test_a_variable_that_nothing_binds_needs_a_type(world, condition):
         ("(> (battery ?) 3)", InvalidKnowledge),
     ],
 )
-def test_what_cannot_be_asked_cannot_be_found(world, condition, error):
-    """V7, V8, V10: the errors are those of the question."""
+def test_find_refuses_what_a_question_refuses(world, condition, error):
+    """V7, V8, V10: `find` raises the same errors as the question."""
     for ask in (world.find, world.state().find):
         with pytest.raises(error):
             ask(condition)
 
 
-def test_it_answers_at_any_time(world, clock):
-    """V11: at a time, as of a time, and in a transaction that sees its own writes."""
+def test_find_takes_at_and_as_of(world, clock):
+    """V11: at a time, as of a time, and in a transaction, which sees its own writes."""
     before = world.now()
     clock.advance(10)
     world.remove("(robot_at amy ?)")
@@ -151,7 +151,7 @@ def test_messages_are_queries_too(world):
 
 
 def test_without_a_domain_arguments_need_not_exist(open_kb):
-    """D2: what is true of undeclared names is found."""
+    """D2: true atoms of undeclared names are found."""
     kb = open_kb()
     kb.add("(seen a b)", "(seen b c)", "(= (size a) 3)")
     assert rows(kb.find("(and (seen ?x ?y) (seen ?y ?z))")) == ["a b c"]
@@ -164,7 +164,7 @@ def test_without_a_domain_arguments_need_not_exist(open_kb):
 @pytest.mark.parametrize("use_unknowns", [False, True])
 @pytest.mark.parametrize("seed", range(6))
 def test_random_queries_agree_with_trying_every_object(open_kb, clock, seed, use_unknowns):
-    """V11: whatever is found holds, and nothing else of the same objects does."""
+    """V11: every binding found makes the condition true, and no other binding does."""
     chance = random.Random(seed)
     kb = open_kb(clock=clock, use_unknowns=use_unknowns)
     kb.load(DOMAIN)

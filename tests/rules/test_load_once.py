@@ -14,7 +14,7 @@ OTHER = PROBLEM.replace("hall", "den")
 
 
 def test_a_problem_is_loaded_once(bare: KnowledgeBase):
-    """P7: the first time it is loaded; then the world moves on, and loading it again does nothing."""
+    """P7: loading it again does nothing, also after the state has changed."""
     assert bare.load(DOMAIN, PROBLEM, once=True).changes
     bare.remove("(lit hall)")
     before = len(list(bare.changes()))
@@ -25,7 +25,7 @@ def test_a_problem_is_loaded_once(bare: KnowledgeBase):
 
 
 def test_also_after_clear_and_with_replace(bare: KnowledgeBase):
-    """P7: ever loaded is ever loaded; without once it is loaded again."""
+    """P7: a load is remembered forever; without `once` the problem is loaded again."""
     bare.load(DOMAIN, PROBLEM)
     bare.clear()
     assert bare.load(DOMAIN, PROBLEM, once=True).changes == 0
@@ -38,7 +38,7 @@ def test_also_after_clear_and_with_replace(bare: KnowledgeBase):
 
 
 def test_another_text_is_another_load(bare: KnowledgeBase):
-    """P7: equal text counts, of both; each is loaded once."""
+    """P7: the texts of both are compared, and each is loaded once."""
     bare.load(DOMAIN, PROBLEM)
     assert bare.load(DOMAIN, OTHER, once=True).changes
     bare.clear()
@@ -50,8 +50,8 @@ def test_another_text_is_another_load(bare: KnowledgeBase):
         assert bare.load(domain, problem, once=True).changes == 0
 
 
-def test_a_problem_without_its_domain_is_of_the_one_in_force(bare: KnowledgeBase):
-    """P7, D4: load(None, problem) is a load of that problem with the domain that is in force."""
+def test_a_problem_alone_is_loaded_with_the_domain_in_force(bare: KnowledgeBase):
+    """P7, D4: load(None, problem) loads the problem with the domain that is in force."""
     bare.load(DOMAIN)
     assert bare.load(None, PROBLEM, once=True).changes
     bare.clear()
@@ -60,8 +60,8 @@ def test_a_problem_without_its_domain_is_of_the_one_in_force(bare: KnowledgeBase
     assert bare.load(DOMAIN, once=True).changes == 0
 
 
-def test_a_file_is_its_text(bare: KnowledgeBase, tmp_path: Path):
-    """P7: wherever it lies."""
+def test_a_file_is_compared_by_its_text(bare: KnowledgeBase, tmp_path: Path):
+    """P7: wherever the file lies."""
     for name in ("a", "b"):
         (tmp_path / f"{name}.pddl").write_text(DOMAIN)
         (tmp_path / f"{name}-problem.pddl").write_text(PROBLEM)
@@ -71,8 +71,8 @@ def test_a_file_is_its_text(bare: KnowledgeBase, tmp_path: Path):
     assert bare.load(DOMAIN, PROBLEM, once=True).changes == 0
 
 
-def test_a_load_that_failed_is_none(bare: KnowledgeBase):
-    """P7, C1: what was not stored has not been loaded."""
+def test_a_failed_load_does_not_count(bare: KnowledgeBase):
+    """P7, C1: a load that was not stored does not count."""
     with pytest.raises(PddlSyntaxError):
         bare.load(DOMAIN, PROBLEM.replace("(:init", "(:inits"), once=True)
     with suppress(RuntimeError), bare.transaction() as tx:
@@ -82,7 +82,7 @@ def test_a_load_that_failed_is_none(bare: KnowledgeBase):
 
 
 def test_within_one_transaction(bare: KnowledgeBase):
-    """P7: what the transaction itself has loaded counts."""
+    """P7: a load earlier in the same transaction counts."""
     with bare.transaction() as tx:
         tx.load(DOMAIN, PROBLEM)
         tx.remove("(lit hall)")
@@ -91,7 +91,7 @@ def test_within_one_transaction(bare: KnowledgeBase):
 
 
 def test_another_process_and_another_knowledge_base(tmp_path: Path):
-    """P7: the record is in the store, of this knowledge base alone, and goes where its rows go."""
+    """P7: the record is in the store, for this knowledge base alone, and is copied with its rows."""
     url = str(tmp_path / "kenny.db")
     clock = ManualClock(seconds(100))
     with kbstore.open(url, "kenny", clock=clock) as kb:
@@ -109,7 +109,7 @@ def test_another_process_and_another_knowledge_base(tmp_path: Path):
 
 
 def test_also_after_archiving(tmp_path: Path):
-    """P7, Q7: the record of a load stays when the transaction that made it has been archived away."""
+    """P7, Q7: the record of a load stays when its transaction has been archived."""
     clock = ManualClock(seconds(100))
     with kbstore.open(str(tmp_path / "kenny.db"), "kenny", clock=clock) as kb:
         kb.load(DOMAIN, PROBLEM)
@@ -122,8 +122,8 @@ def test_also_after_archiving(tmp_path: Path):
         assert kb.load(DOMAIN, PROBLEM, once=True).changes == 0
 
 
-def test_what_was_loaded_is_no_knowledge(bare: KnowledgeBase):
-    """P7: the record is not in the state, in changes or in what is written."""
+def test_the_record_of_a_load_is_not_part_of_the_state(bare: KnowledgeBase):
+    """P7: the record is not in the state, in changes or in exported problems."""
     done = bare.load(DOMAIN, PROBLEM)
     assert done.changes == 4  # the domain, the object, the fact and the goal
     (change,) = bare.changes()

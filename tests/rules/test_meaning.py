@@ -1,4 +1,4 @@
-"""V10: a question that cannot be meant is refused, with what was probably meant; a false one is answered."""
+"""V10: a question that cannot be meant is refused, with a suggestion; a false one is answered."""
 
 import pytest
 
@@ -64,7 +64,7 @@ WRONG = [
 
 @pytest.mark.parametrize(("question", "says"), WRONG)
 def test_a_question_that_cannot_be_meant_is_refused(world, question, says):
-    """V10: whichever way it is asked, and however often; the answer would be the same in every state."""
+    """V10: in every method, and however often it is asked; the answer would be the same in every state."""
     for _ in range(2):
         for ask in asking(world):
             with pytest.raises(InvalidKnowledge, match=says):
@@ -104,19 +104,19 @@ RIGHT = [
 
 @pytest.mark.parametrize(("question", "truth"), RIGHT)
 def test_a_question_that_can_be_meant_is_answered(world, question, truth):
-    """V8, V10: what does not exist, a type that could fit, a subtype, a variable over more than fits."""
+    """V8, V10: unknown objects, a type that could fit, a subtype, a variable over more types than fit."""
     for _ in range(2):
         assert world.truth(question) is world.state().truth(question) is truth
     assert world.when(question, START, START + 1) == ([(START, START + 1)] if truth is Truth.TRUE else [])
 
 
-def test_what_an_actions_parameter_is_bound_to_is_not_refused(world):
-    """V10: where it does not fit, the atom is absent: go takes any object, and a box is nowhere."""
+def test_arguments_of_an_action_are_not_refused(world):
+    """V10: where the object does not fit, the atom is absent: go takes any object, and a box is nowhere."""
     assert world.applicable("go", "box", "wp0")
 
 
 def test_the_types_are_those_at_the_time_that_is_asked_about(world, clock):
-    """V10: an object that has another type later is refused then, and not before."""
+    """V10: an object that gets another type later is refused then, and not before."""
     before = world.now()
     assert not world.holds("(robot_at ghost wp0)")
     clock.advance(10)
@@ -159,8 +159,8 @@ def test_without_a_domain_nothing_is_excluded(open_kb):
         kb.holds("kenny")
 
 
-def test_what_a_transaction_sees_counts(world):
-    """V10: an object that the transaction itself has added."""
+def test_a_question_in_a_transaction_uses_its_own_objects(world):
+    """V10: including an object that the transaction itself has added."""
     with world.transaction() as tx:
         tx.add("lid - item")
         with pytest.raises(InvalidKnowledge, match="lid is an item"):

@@ -1,4 +1,4 @@
-"""D1, V7: messages of ROSPlan and PlanSys2 are read wherever knowledge is, as objects and as mappings."""
+"""D1, V7: messages of ROSPlan and PlanSys2 are read wherever knowledge is given, as objects and as mappings."""
 
 from types import SimpleNamespace
 
@@ -70,7 +70,7 @@ LOW = {"comparison_type": 2, "LHS": BATTERY, "RHS": {"tokens": [{"expr_type": 0,
 
 @FORMS
 def test_an_expression_is_a_question(world, form):
-    """V5: an ExprComposite has a value; it is nothing that is true, or could be added."""
+    """V5: an ExprComposite has a value; it cannot be true, or be added."""
     for asked in (form(SUM), ExprComposite.model_validate(SUM)):
         assert world.value(asked) == world.state().value(asked) == 85
         for method in (world.holds, world.add, world.add_goal, world.history):
@@ -80,7 +80,7 @@ def test_an_expression_is_a_question(world, form):
 
 @FORMS
 def test_a_comparison_is_a_question_and_a_statement(world, form):
-    """V5, C10, C11: a DomainInequality is asked, wanted, and recorded, as its PDDL text is."""
+    """C10, C11: a DomainInequality is asked, added as a goal, and recorded, as its PDDL text is."""
     for asked in (form(LOW), DomainInequality.model_validate(LOW)):
         assert world.holds(asked)
         assert world.query(asked).results == [True]
@@ -94,7 +94,7 @@ def test_a_comparison_is_a_question_and_a_statement(world, form):
 
 
 def test_a_wrong_expression_is_refused_with_its_place(world):
-    """D1: one sentence that names the field."""
+    """D1: the error is one sentence that names the field."""
     with pytest.raises(kbstore.InvalidKnowledge, match=r"ExprComposite: tokens\.0\.expr_type: "):
         world.value({"tokens": [{"expr_type": 9}]})
     with pytest.raises(kbstore.InvalidKnowledge, match=r"DomainInequality: RHS: the expression .* lacks 1 operand"):
@@ -106,7 +106,7 @@ def test_a_wrong_expression_is_refused_with_its_place(world):
 
 @FORMS
 def test_a_param_is_an_object(world, form):
-    """A Param says that an object exists, and of which type."""
+    """A Param declares an object and its type."""
     world.add(form(param("wp7", "place")))
     assert world.holds(form(param("wp7", "place")))
     assert not world.holds(form(param("wp7", "robot")))
@@ -117,7 +117,7 @@ def test_a_param_is_an_object(world, form):
 
 @FORMS
 def test_a_node_is_a_fact_or_a_value(world, form):
-    """A Node is added, asked, removed, wanted, and found in history."""
+    """A Node is added, asked, removed, made a goal, and found in history."""
     world.add(form(node(PREDICATE, "near", "kenny", "wp1")))
     world.add(form(node(PREDICATE, "open", "wp1", negate=True)))
     world.add(form(node(FUNCTION, "battery", "kenny", value=7.5)))
@@ -165,7 +165,7 @@ TREES = [
 @FORMS
 @pytest.mark.parametrize(("shape", "text"), TREES, ids=lambda value: value if isinstance(value, str) else "")
 def test_a_tree_is_the_condition_of_its_text(world, form, shape, text):
-    """Each Tree is asked, and wanted, like its PDDL text; all of these hold."""
+    """Each Tree is asked, and made a goal, like its PDDL text; all of these hold."""
     assert world.holds(form(shape))
     assert world.explain(form(shape)).subject == world.explain(text).subject
     world.add_goal(text)
@@ -176,7 +176,7 @@ def test_a_tree_is_the_condition_of_its_text(world, form, shape, text):
 
 @FORMS
 def test_a_tree_that_is_one_item_is_knowledge(world, form):
-    """As its PDDL text is; a tree of several is a condition, and refused with what to do."""
+    """It is read as its PDDL text is; a tree of several items is a condition, and the error says what to do."""
     world.add(form(tree(node(NOT, children=(1,)), node(PREDICATE, "open", "wp0"))))
     world.add(form(comparison(EQ, node(FUNCTION, "battery", "kenny"), node(NUMBER, value=3.0))))
     change = tree(

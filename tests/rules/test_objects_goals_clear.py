@@ -1,4 +1,4 @@
-"""Rules C9, C10 and C12: objects take what speaks of them with them; goals; clear."""
+"""Rules C9, C10 and C12: removing an object ends every assertion that mentions it; goals; clear."""
 
 import pytest
 
@@ -30,7 +30,7 @@ def test_removing_an_object_ends_everything_that_mentions_it(kb, clock):
 
 
 def test_removing_an_object_cancels_what_is_scheduled_for_it(kb):
-    """C9: with the transaction that cancelled it on record."""
+    """C9: the transaction that cancelled it is recorded."""
     kb.add("(near kenny wp0)", initial_time=START + 10)
     kb.add("(open wp0)", initial_time=START + 10)
     removal = kb.remove("kenny")
@@ -50,7 +50,7 @@ def test_facts_do_not_come_back_with_their_object(kb, clock):
 
 
 def test_removal_leaves_the_objects_own_schedule_alone(kb, clock):
-    """C9: what mentions the object is cancelled only up to its next start."""
+    """C9: assertions that mention the object are cancelled only up to its next start."""
     kb.add(END, initial_time=START + 20)
     kb.add("wp0 - place", initial_time=START + 30)
     kb.add("(open wp0)", initial_time=START + 15)
@@ -64,7 +64,7 @@ def test_removal_leaves_the_objects_own_schedule_alone(kb, clock):
 
 
 def test_a_negative_instance_for_now_is_a_removal(kb, clock):
-    """C9: in text `(not (wp0 - place))`; nothing but the end is recorded."""
+    """C9: in text `(not (wp0 - place))`; only the end is recorded."""
     kb.add("(open wp0)")
     clock.set(START + 10)
     kb.add(END)
@@ -73,7 +73,7 @@ def test_a_negative_instance_for_now_is_a_removal(kb, clock):
 
 
 def test_without_a_domain_a_removal_cancels_up_to_the_next_start(bare, clock):
-    """C9: also what was scheduled for a time after an end that lay ahead; what comes after the next start stays."""
+    """C9: also assertions after an end that is still ahead; those after the next start stay."""
     bare.add("wp0 - place", "(near ghost wp1)")
     bare.add("(not (wp0 - place))", initial_time=START + 20)
     bare.add("wp0 - place", initial_time=START + 40)
@@ -81,12 +81,12 @@ def test_without_a_domain_a_removal_cancels_up_to_the_next_start(bare, clock):
         bare.add("(open wp0)", initial_time=START + later)
     clock.set(START + 10)
     bare.remove("wp0")
-    told = [(str(fact), fact.initial_time - START) for fact in bare.timed_knowledge("open")]
-    assert told == [("(open wp0)", 40)]
+    timed = [(str(fact), fact.initial_time - START) for fact in bare.timed_knowledge("open")]
+    assert timed == [("(open wp0)", 40)]
 
 
 def test_without_a_domain_removing_an_object_still_ends_its_facts(bare, clock):
-    """C9: existence is not checked, but ends are kept."""
+    """C9: existence is not checked, but removals end facts all the same."""
     bare.add("(open wp0)", "wp0 - place", "(near ghost wp0)", "(near ghost wp1)")
     clock.set(START + 10)
     bare.remove("wp0")
@@ -97,7 +97,7 @@ def test_without_a_domain_removing_an_object_still_ends_its_facts(bare, clock):
 
 
 def test_a_scheduled_end_ends_what_mentions_the_object_at_its_time(kb):
-    """C9: up to its last nanosecond everything stands."""
+    """C9: up to the last nanosecond before it everything holds."""
     kb.add("(open wp0)", "(= (distance wp0 wp1) 5)", "(raining)")
     kb.add_goal("(open wp0)")
     ending = kb.add(END, initial_time=START + 10)
@@ -109,7 +109,7 @@ def test_a_scheduled_end_ends_what_mentions_the_object_at_its_time(kb):
 
 
 def test_a_scheduled_end_cancels_what_is_scheduled_from_then_on(kb):
-    """C9: what is scheduled before it stays."""
+    """C9: what is scheduled before that time stays."""
     for at in (9, 10, 11):
         kb.add("(open wp0)", initial_time=START + at)
     kb.add(END, initial_time=START + 10)
@@ -118,7 +118,7 @@ def test_a_scheduled_end_cancels_what_is_scheduled_from_then_on(kb):
 
 
 def test_a_fact_added_later_does_not_outlive_a_scheduled_end(kb, clock):
-    """C9: added for now, or scheduled before the end."""
+    """C9: whether it is added for now, or scheduled before the end."""
     kb.add(END, initial_time=START + 10)
     clock.set(START + 5)
     kb.add("(open wp0)")
@@ -130,7 +130,7 @@ def test_a_fact_added_later_does_not_outlive_a_scheduled_end(kb, clock):
 
 
 def test_cancelling_a_scheduled_end_restores_what_it_cut_short(kb, clock):
-    """C9: what it cancelled stays cancelled."""
+    """C9: what the end cancelled stays cancelled."""
     kb.add("(open wp0)")
     kb.add("(near kenny wp0)", initial_time=START + 20)
     kb.add(END, initial_time=START + 10)
@@ -151,7 +151,7 @@ def test_replacing_a_scheduled_end_by_a_start_restores_what_it_cut_short(kb):
 
 
 def test_moving_a_scheduled_end_moves_what_it_cuts_short(kb):
-    """C9: ends that lie ahead are derived from what is scheduled."""
+    """C9: future ends are derived from the schedule."""
     kb.add("(open wp0)")
     kb.add(END, initial_time=START + 10)
     with kb.transaction() as tx:
@@ -160,8 +160,8 @@ def test_moving_a_scheduled_end_moves_what_it_cuts_short(kb):
     assert [facts(kb, START + at) for at in (10, 14, 15)] == [["(open wp0)"], ["(open wp0)"], []]
 
 
-def test_an_end_that_has_passed_cannot_be_taken_back(kb, clock):
-    """C9, T5: an object that is added again at the very time of its end has lost its facts."""
+def test_a_past_end_cannot_be_undone(kb, clock):
+    """C9, T5: an object that is added again at the time of its end has lost its facts."""
     kb.add("(open wp0)")
     kb.add(END, initial_time=START + 10)
     clock.set(START + 10)
@@ -170,7 +170,7 @@ def test_an_end_that_has_passed_cannot_be_taken_back(kb, clock):
     assert facts(kb, START + 10) == facts(kb, START + 20) == []
 
 
-def test_cancelling_a_scheduled_start_cancels_what_was_scheduled_to_mention_the_object(kb):
+def test_cancelling_a_scheduled_start_cancels_scheduled_mentions(kb):
     """C9: no assertion mentions an object that does not exist."""
     kb.add("box - item", "(tagged box)", initial_time=START + 10)
     kb.add("(not (tagged box))", initial_time=START + 20)
@@ -190,7 +190,7 @@ def test_an_object_may_exist_only_for_a_while(kb):
 
 
 def test_goals_are_asked_like_the_state(kb, clock):
-    """C10: at any time; they are not facts."""
+    """C10: at any time; goals are not facts."""
     kb.add_goal("(open wp0)", "(not (raining))", "(> (battery kenny) 20)")
     clock.set(START + 10)
     kb.remove_goal("(open wp0)")
@@ -200,16 +200,16 @@ def test_goals_are_asked_like_the_state(kb, clock):
     assert facts(kb) == []
 
 
-def test_adding_a_standing_goal_again_changes_nothing(kb):
-    """C10: as of any knowledge."""
+def test_adding_a_current_goal_again_changes_nothing(kb):
+    """C10: as for the state (C2)."""
     kb.add_goal("(open wp0)")
     assert kb.add_goal("(open wp0)").changes == 0
     assert kb.add_goal("(not (open wp0))").changes == 1
     assert texts(kb.goals()) == ["(not (open wp0))"]
 
 
-def test_a_fact_and_a_goal_of_the_same_text_live_apart(kb):
-    """C10: on timelines of their own."""
+def test_a_fact_and_a_goal_of_the_same_text_are_independent(kb):
+    """C10: they are on separate timelines."""
     kb.add("(open wp0)")
     kb.add_goal("(open wp0)")
     kb.remove("(open wp0)")
@@ -220,13 +220,13 @@ def test_a_fact_and_a_goal_of_the_same_text_live_apart(kb):
 
 
 def test_a_conjunction_is_split_into_its_parts(kb):
-    """C10: also a nested one."""
+    """C10: nested conjunctions, too."""
     kb.add_goal("(and (open wp0) (and (not (raining)) (> (battery kenny) 20)))")
     assert texts(kb.goals()) == ["(> (battery kenny) 20)", "(not (raining))", "(open wp0)"]
 
 
 def test_a_goal_of_another_form_is_kept_as_a_condition(kb):
-    """C10: in PDDL text, listed with the others."""
+    """C10: it is recorded as PDDL text, and listed with the others."""
     kb.add_goal("(and (open wp0) (or (open wp1) (raining)) (forall (?r - room) (clean ?r)))")
     assert texts(kb.goals()) == ["(forall (?r - room) (clean ?r))", "(open wp0)", "(or (open wp1) (raining))"]
     kb.remove("wp1")
@@ -234,7 +234,7 @@ def test_a_goal_of_another_form_is_kept_as_a_condition(kb):
 
 
 def test_a_goal_can_be_scheduled(kb):
-    """C10, Q1: it is not among the timed knowledge."""
+    """C10, Q1: it is not in the timed knowledge."""
     kb.add_goal("(open wp0)", initial_time=START + 10)
     assert kb.goals() == []
     assert texts(kb.goals(at=START + 10)) == ["(open wp0)"]
@@ -247,7 +247,7 @@ def test_a_goal_can_be_scheduled(kb):
     "goal", ["(open nowhere)", "(open kenny)", "(flying kenny)", "(> (speed kenny) 1)", "(near kenny)"]
 )
 def test_goals_are_checked_against_the_domain(kb, goal):
-    """C10, D1: as all knowledge."""
+    """C10, D1: as all knowledge is."""
     with pytest.raises(kbstore.InvalidKnowledge):
         kb.add_goal("(raining)", goal)
     assert kb.goals() == []
@@ -276,7 +276,7 @@ def test_clear_ends_and_cancels_everything_in_one_transaction(kb, clock):
 
 
 def test_clearing_twice_changes_nothing(kb):
-    """C12, C1: what is empty stays empty; the domain is kept."""
+    """C12, C1: a cleared state stays empty; the domain is kept."""
     cleared = kb.clear()
     assert (kb.clear().number, kb.clear().changes) == (cleared.number, 0)
     kb.add("kenny - robot")

@@ -1,4 +1,4 @@
-"""Rules O1 to O3: operators that are checked, applied, started and ended."""
+"""Rules O1 to O3: checking, applying, starting and ending operators."""
 
 import pytest
 
@@ -70,7 +70,7 @@ def level(kb, at, **belief):
 
 
 def test_an_action_may_establish_its_own_invariant(depot):
-    """O1: over-all conditions are evaluated after the at-start effects; at-end conditions are not asked for."""
+    """O1: over-all conditions are evaluated after the at-start effects; at-end conditions are not checked."""
     assert not depot.holds("(moving kenny)")
     depot.remove("(lit)")
     assert depot.applicable(*ROUTE)
@@ -78,7 +78,7 @@ def test_an_action_may_establish_its_own_invariant(depot):
 
 
 def test_applicable_names_each_failing_condition_and_since_when(depot, clock):
-    """O1: at-start and over-all ones."""
+    """O1: at-start and over-all conditions."""
     clock.set(START + 10)
     depot.remove("(near kenny wp0)")
     depot.add("(= (battery kenny) 9)")
@@ -93,7 +93,7 @@ def test_applicable_names_each_failing_condition_and_since_when(depot, clock):
 
 
 def test_a_comparison_of_a_moving_number_fails_since_the_crossing(depot, clock):
-    """O1: not since the number began to move; a later change for the worse does not make it later."""
+    """O1: not since the number began to move; a further decrease does not make it later."""
     depot.add("(increase (battery kenny) (* #t -2))")
     clock.set(START + seconds(36))
     (failing,) = depot.applicable(*ROUTE).failing
@@ -105,7 +105,7 @@ def test_a_comparison_of_a_moving_number_fails_since_the_crossing(depot, clock):
 
 
 def test_applicability_can_be_asked_at_any_time(depot, clock):
-    """O1: on the state at t."""
+    """O1: it is evaluated on the state at t."""
     clock.set(START + 10)
     depot.remove("(ready kenny)")
     assert depot.applicable(*ROUTE, at=START + 9)
@@ -135,7 +135,7 @@ INVARIANTS = """
 
 @pytest.mark.parametrize("use_unknowns", [False, True])
 def test_an_invariant_that_the_at_start_effects_break_is_named(open_kb, clock, use_unknowns):
-    """O1: over-all conditions are those of the state after the at-start effects; they fail from the start on."""
+    """O1: over-all conditions are evaluated on the state after the at-start effects, and fail from the start on."""
     kb = open_kb(use_unknowns=use_unknowns)
     kb.load(INVARIANTS)
     kb.add("(open)", "(not (sealed))", "(= (level) 5)")
@@ -149,8 +149,8 @@ def test_an_invariant_that_the_at_start_effects_break_is_named(open_kb, clock, u
     ]
 
 
-def test_a_condition_on_the_duration_fails_as_any_other(open_kb):
-    """O1, O3: it is `NotApplicable`, and named; the state says nothing of since when."""
+def test_a_condition_on_the_duration_can_fail(open_kb):
+    """O1, O3: it is `NotApplicable`, and named; `since` is None, as the state does not decide it."""
     kb = open_kb()
     kb.load(INVARIANTS)
     kb.add("(open)")
@@ -161,8 +161,8 @@ def test_a_condition_on_the_duration_fails_as_any_other(open_kb):
 
 
 @pytest.mark.parametrize("call", [("fly", "kenny"), ("goto", "kenny", "wp0"), ("goto", "wp0", "wp0", "wp1")])
-def test_an_operator_is_called_as_the_domain_declares_it(depot, call):
-    """O1, D1: name, number and types of the arguments."""
+def test_the_call_of_an_operator_must_match_its_declaration(depot, call):
+    """O1, D1: name, and number and types of the arguments, must match."""
     before = picture(depot)
     for method in (depot.applicable, depot.start):
         with pytest.raises(kbstore.KbStoreError):
@@ -174,7 +174,7 @@ def test_an_operator_is_called_as_the_domain_declares_it(depot, call):
 
 
 def test_right_hand_sides_are_evaluated_on_the_state_before(depot):
-    """O2: so that two functions can be swapped."""
+    """O2: an action can swap two functions."""
     depot.apply("swap")
     assert (depot.value("(one)"), depot.value("(two)")) == (2, 1)
 
@@ -188,7 +188,7 @@ def test_conditional_effects_are_decided_on_the_state_before(depot):
 
 
 def test_deletes_come_before_adds(depot):
-    """O2: what one action deletes and adds is there afterwards."""
+    """O2: a fact that an action both deletes and adds holds afterwards."""
     depot.apply("relight")
     assert depot.holds("(lit)")
     depot.remove("(lit)")
@@ -197,7 +197,7 @@ def test_deletes_come_before_adds(depot):
 
 
 def test_an_action_is_one_transaction(depot):
-    """O2: with everything it changes."""
+    """O2: all of its changes are in that transaction."""
     before = list(depot.changes())[-1].number
     transaction = depot.apply("double", "kenny")
     assert transaction.number == before + 1
@@ -206,27 +206,27 @@ def test_an_action_is_one_transaction(depot):
     assert depot.value("(battery kenny)") == 160
 
 
-def test_a_delete_effect_in_a_closed_world_removes(depot):
-    """O2: afterwards nothing is said."""
+def test_a_delete_effect_in_a_closed_world_removes_the_fact(depot):
+    """O2: afterwards the fact is absent."""
     depot.apply("double", "kenny")
     assert not [text for text in facts(depot) if "ready" in text]
 
 
-def test_a_delete_effect_in_an_open_world_makes_explicitly_false(open_depot):
-    """O2: afterwards it is known to be false."""
+def test_a_delete_effect_in_an_open_world_makes_the_fact_explicitly_false(open_depot):
+    """O2: afterwards the fact is explicitly false."""
     open_depot.apply("double", "kenny")
     assert "(not (ready kenny))" in facts(open_depot)
     assert open_depot.truth("(ready kenny)") is Truth.FALSE
 
 
 def test_a_universal_effect_reaches_every_object(depot):
-    """O2: with a condition for each."""
+    """O2: with a condition for each object."""
     depot.add("(broken robby)")
     depot.apply("reset")
     assert depot.holds("(and (ready robby) (ready kenny) (not (broken robby)))")
 
 
-def test_applying_what_is_not_applicable_stores_nothing(depot):
+def test_applying_an_inapplicable_action_stores_nothing(depot):
     """O3: `NotApplicable` lists the conditions."""
     depot.remove("(ready kenny)")
     before = picture(depot)
@@ -238,7 +238,7 @@ def test_applying_what_is_not_applicable_stores_nothing(depot):
 
 
 def test_an_effect_on_an_undefined_function_is_an_error(depot):
-    """O2, V5: never from 0; nothing of the action is stored."""
+    """O2, V5: it is not taken as 0; nothing of the action is stored."""
     depot.add("(ready robby)")
     before = picture(depot)
     with pytest.raises(kbstore.UndefinedFunction, match="battery robby"):
@@ -250,7 +250,7 @@ def test_an_effect_on_an_undefined_function_is_an_error(depot):
 
 
 def test_a_start_has_the_at_start_effects_and_is_part_of_the_state(depot, clock):
-    """O3: the duration that the domain fixes; running at t is part of the state at t."""
+    """O3: the duration is the one that the domain fixes; a run at t is part of the state at t."""
     clock.set(START + seconds(1))
     run = depot.start(*ROUTE)
     assert (run.operator, run.arguments, run.started, run.duration) == (
@@ -266,7 +266,7 @@ def test_a_start_has_the_at_start_effects_and_is_part_of_the_state(depot, clock)
 
 
 def test_an_end_has_the_at_end_effects(depot, clock):
-    """O3: and continuous effects stop."""
+    """O3: and the continuous effects stop."""
     run = depot.start(*ROUTE)
     clock.set(START + seconds(12))
     depot.end(run)
@@ -278,7 +278,7 @@ def test_an_end_has_the_at_end_effects(depot, clock):
 
 
 def test_an_abort_has_no_at_end_effects(depot, clock):
-    """O3: continuous effects stop."""
+    """O3: only the continuous effects stop."""
     run = depot.start(*ROUTE)
     clock.set(START + seconds(4))
     depot.abort(run)
@@ -288,7 +288,7 @@ def test_an_abort_has_no_at_end_effects(depot, clock):
 
 
 @pytest.mark.parametrize("wrong", ["goto", None, 1, ("goto", "kenny")])
-def test_what_is_not_a_run_cannot_end(depot, wrong):
+def test_ending_something_else_than_a_run_is_refused(depot, wrong):
     """O3: a typed error says what to give."""
     depot.start(*ROUTE)
     for act in (depot.end, depot.abort):
@@ -306,7 +306,7 @@ def test_the_caller_gives_the_duration_where_the_domain_does_not_fix_it(depot):
             depot.start("charge", "robby", duration=wrong)
 
 
-def test_contributions_of_several_actions_add_up_and_end_each_with_its_own(depot, clock):
+def test_contributions_of_several_actions_add_up_and_end_independently(depot, clock):
     """O3: a moving robot on a charging floor."""
     going = depot.start(*ROUTE)
     clock.set(START + seconds(2))
@@ -320,8 +320,8 @@ def test_contributions_of_several_actions_add_up_and_end_each_with_its_own(depot
     assert [level(depot, at) for at in (8, 20)] == [86, 86]
 
 
-def test_an_assignment_meanwhile_resets_only_the_functions_own_rate(depot, clock):
-    """O3, C7: what runs goes on contributing."""
+def test_an_assignment_during_a_run_resets_only_the_functions_own_rate(depot, clock):
+    """O3, C7: the contributions of runs continue."""
     depot.add("(increase (battery kenny) (* #t 1))")
     run = depot.start(*ROUTE)
     assert [level(depot, at) for at in (0, 2)] == [80, 78]
@@ -334,7 +334,7 @@ def test_an_assignment_meanwhile_resets_only_the_functions_own_rate(depot, clock
 
 
 def test_a_running_action_cannot_be_started_again_with_the_same_arguments(depot):
-    """O3: with others it can."""
+    """O3: with other arguments it can."""
     depot.start("charge", "kenny", duration=seconds(20))
     depot.add("(= (battery robby) 1)")
     with pytest.raises(kbstore.NotApplicable):
@@ -344,7 +344,7 @@ def test_a_running_action_cannot_be_started_again_with_the_same_arguments(depot)
 
 
 def test_a_run_ends_only_once(depot):
-    """O3: it can be neither ended again nor aborted after its end."""
+    """O3: after its end it can be neither ended nor aborted."""
     run = depot.start(*ROUTE)
     depot.end(run)
     for method in (depot.end, depot.abort):
@@ -362,8 +362,8 @@ def test_an_end_reports_the_conditions_that_fail(depot, clock):
     assert depot.holds("(near kenny wp1)")
 
 
-def test_an_end_of_what_no_longer_exists_is_not_applicable(depot, clock):
-    """O3, C12: removing an object aborts what runs with it, in the same transaction."""
+def test_a_run_of_a_removed_object_cannot_end(depot, clock):
+    """O3, C12: removing an object aborts its runs, in the same transaction."""
     run = depot.start(*ROUTE)
     clock.set(START + seconds(5))
     depot.remove("wp1")
@@ -373,7 +373,7 @@ def test_an_end_of_what_no_longer_exists_is_not_applicable(depot, clock):
         depot.end(run)
 
 
-def test_clear_aborts_what_runs(depot, clock):
+def test_clear_aborts_runs(depot, clock):
     """C12: in the same transaction."""
     depot.start(*ROUTE)
     clock.set(START + seconds(5))
@@ -387,7 +387,7 @@ def test_clear_aborts_what_runs(depot, clock):
 
 
 def test_a_question_about_the_future_includes_the_expected_end(depot, clock):
-    """O3: at the expected end its effects are there; none of it is stored."""
+    """O3: at the expected end its effects hold; none of them is stored."""
     depot.start(*ROUTE)
     clock.set(START + seconds(5))
     expected = depot.state(START + seconds(10))
@@ -400,7 +400,7 @@ def test_a_question_about_the_future_includes_the_expected_end(depot, clock):
 
 
 def test_an_expectation_never_becomes_the_past(depot, clock):
-    """O3: an action whose expected end has passed is overdue, and is computed as running on."""
+    """O3: an action whose expected end has passed is overdue, and is expected to run on."""
     depot.start(*ROUTE)
     clock.set(START + seconds(12))
     for at in (10, 11, 12):
@@ -410,7 +410,7 @@ def test_an_expectation_never_becomes_the_past(depot, clock):
 
 
 def test_a_belief_includes_the_expected_ends_of_what_ran_then(depot, clock):
-    """O3, Q2: the end was expected as of then, although it never came."""
+    """O3, Q2: as of then the end was expected, although it never came."""
     run = depot.start(*ROUTE)
     clock.set(START + seconds(4))
     depot.abort(run)
@@ -421,7 +421,7 @@ def test_a_belief_includes_the_expected_ends_of_what_ran_then(depot, clock):
 
 
 def test_a_run_is_expected_to_be_aborted_where_an_object_ends_before(depot):
-    """O3: by a scheduled end."""
+    """O3: at a scheduled end of the object."""
     depot.start(*ROUTE)
     depot.add("(not (wp1 - place))", initial_time=START + seconds(6))
     state = depot.state(START + seconds(30))
@@ -431,7 +431,7 @@ def test_a_run_is_expected_to_be_aborted_where_an_object_ends_before(depot):
 
 
 def test_scheduled_knowledge_and_expected_effects_come_in_order_of_time(depot):
-    """O3: the expected state is that of everything scheduled and expected."""
+    """O3: the expected state includes everything scheduled and expected, in order."""
     depot.start(*ROUTE)
     depot.add("(not (ready kenny))", "(= (log) 100)", initial_time=START + seconds(9))
     depot.add("(not (visited wp1))", initial_time=START + seconds(11))
@@ -442,7 +442,7 @@ def test_scheduled_knowledge_and_expected_effects_come_in_order_of_time(depot):
 
 
 def test_expected_effects_spell_names_as_first_written(open_kb, clock):
-    """O3, D3: objects as they were added, and constants as the domain writes them, as after the end."""
+    """O3, D3: objects as they were added, and constants as in the domain, like after the real end."""
     kb = open_kb()
     kb.load(DEPOT.replace("(:types robot place)", "(:types robot place) (:constants Dock - place)"))
     kb.add("Kenny - robot", "WP0 - place", "(near kenny wp0)", "(ready kenny)", "(lit)")
@@ -457,8 +457,8 @@ def test_expected_effects_spell_names_as_first_written(open_kb, clock):
     assert facts(kb) == expected
 
 
-def test_an_action_reads_all_that_its_effects_touch_at_once(depot, monkeypatch):
-    """O2: applying to many objects takes as many statements as applying to a few."""
+def test_an_action_reads_its_effects_timelines_at_once(depot, monkeypatch):
+    """O2: an action on many objects needs as many statements as one on a few."""
     asked = []
     live = Repository.rows_for_update
 
@@ -478,8 +478,8 @@ def test_an_action_reads_all_that_its_effects_touch_at_once(depot, monkeypatch):
     assert 0 < len(asked) <= for_two
 
 
-def test_what_runs_survives_a_restart(store_url, clock, tmp_path):
-    """O3: it is part of the state, and is stored."""
+def test_runs_survive_a_restart(store_url, clock, tmp_path):
+    """O3: a run is part of the state, and is stored."""
     if store_url == "sqlite://":
         store_url = f"sqlite:///{tmp_path / 'runs.db'}"
     name = f"runs-{tmp_path.name}"

@@ -1,4 +1,4 @@
-"""Rules P1 to P3 and O4 as far as a whole knowledge base shows them: problems in, problems out, at any moment."""
+"""Rules P1 to P3 and O4 for a whole knowledge base: loading problems, and writing them at any time."""
 
 import pytest
 
@@ -42,8 +42,8 @@ def test_a_problem_is_objects_facts_numbers_goals_metric_and_timed_knowledge(ope
     ]
 
 
-def test_timed_knowledge_for_what_is_not_a_time_is_refused(kb):
-    """T1, P1, P3: nothing is skipped silently, also not what would take effect after the last time there is."""
+def test_timed_knowledge_out_of_range_is_refused(kb):
+    """T1, P1, P3: also a time after the last possible one; nothing is skipped silently."""
     offset = (kbstore.clock.TIME_LIMIT - START) // seconds(1)
     kb.load(DOMAIN, PROBLEM.replace("at 60", f"at {offset - 1}"))
     assert scheduled(kb)[-1] == (START + seconds(offset - 1), "(open wp1)")
@@ -51,8 +51,8 @@ def test_timed_knowledge_for_what_is_not_a_time_is_refused(kb):
         kb.load(DOMAIN, PROBLEM.replace("at 60", f"at {offset + 1}"))
 
 
-def test_loading_a_problem_adds_to_what_stands(kb):
-    """P3: what is there stays."""
+def test_loading_a_problem_adds_to_the_state(kb):
+    """P3: the current state stays."""
     kb.add("(open hall)")
     kb.load(DOMAIN, PROBLEM)
     assert facts(kb) == ["(near kenny wp0)", "(open hall)"]
@@ -69,7 +69,7 @@ def test_loading_with_replace_clears_first(kb):
 
 
 def test_files_and_text_are_the_same(open_kb, tmp_path):
-    """P1: a path or PDDL text."""
+    """P1: `load` takes a path or PDDL text."""
     (tmp_path / "domain.pddl").write_text(DOMAIN)
     (tmp_path / "problem.pddl").write_text(PROBLEM)
     by_path, by_text = open_kb(), open_kb()
@@ -91,7 +91,7 @@ def test_files_and_text_are_the_same(open_kb, tmp_path):
         ("(:metric", "(:metrics", 11),
     ],
 )
-def test_what_is_not_understood_is_refused_with_its_place(open_kb, tmp_path, old, new, line):
+def test_a_syntax_error_is_refused_with_its_position(open_kb, tmp_path, old, new, line):
     """P1, D1: with file and line, and nothing is stored."""
     problem = tmp_path / "problem.pddl"
     problem.write_text(PROBLEM.replace(old, new))
@@ -121,7 +121,7 @@ def test_a_problem_written_reads_back_to_the_same_state(open_kb, clock):
 
 
 def test_explicit_negatives_are_left_out_of_a_problem(kb):
-    """P2: in the initial state; what is scheduled to become false is kept."""
+    """P2: from the initial state; scheduled ends are written."""
     kb.add("(not (raining))", "(open wp0)")
     kb.add("(not (open wp0))", initial_time=START + seconds(60))
     text = kb.to_pddl()
@@ -130,7 +130,7 @@ def test_explicit_negatives_are_left_out_of_a_problem(kb):
 
 
 def test_numbers_are_written_without_exponents(kb):
-    """P2: and read back to the same double."""
+    """P2: they read back to the same double."""
     kb.add("(= (cost) 1e-7)", "(= (battery kenny) 1e22)")
     text = kb.to_pddl()
     assert "0.0000001" in text
@@ -146,8 +146,8 @@ def test_what_pddl_has_no_words_for_is_a_comment(kb):
         assert any(said in line for line in comments), said
 
 
-def test_what_is_scheduled_of_an_object_that_is_not_there_yet_is_a_comment(kb, open_kb):
-    """P2: the problem would name an object that it cannot declare, and could not be read back."""
+def test_timed_knowledge_about_a_scheduled_object_is_a_comment(kb, open_kb):
+    """P2: the problem could not declare the object, and could not be read back."""
     with kb.transaction() as tx:
         tx.add("wp9 - place", initial_time=START + seconds(5))
         tx.add("(near kenny wp9)", initial_time=START + seconds(6))
@@ -166,7 +166,7 @@ def test_what_is_scheduled_of_an_object_that_is_not_there_yet_is_a_comment(kb, o
 
 
 def test_a_problem_as_it_was_believed(kb, clock):
-    """P2, Q2: `as_of`."""
+    """P2, Q2: `to_pddl` takes `as_of`."""
     kb.add("(open wp0)", initial_time=START + seconds(60))
     clock.set(START + seconds(10))
     kb.remove("(open wp0)", initial_time=START + seconds(60))

@@ -12,8 +12,8 @@ from tests.rules.reading import facts, intervals, picture, scheduled, texts
 # -- Q1 -----------------------------------------------------------------------------------------------------------
 
 
-def test_a_state_has_everything_that_stands(kb):
-    """Q1: objects, facts of both signs, functions, inequalities, metric, goals, and what is scheduled."""
+def test_a_state_has_everything_that_holds(kb):
+    """Q1: objects, facts of both signs, functions, inequalities, metric, goals, and timed knowledge."""
     kb.add("(open wp0)", "(not (raining))", "(= (battery kenny) 80)", "(> (cost) 3)", "maximize (cost)")
     kb.add_goal("(open wp1)")
     kb.add("(raining)", initial_time=START + 10)
@@ -36,16 +36,16 @@ def test_a_state_has_everything_that_stands(kb):
     assert state.domain.name == "rooms"
 
 
-def test_before_everything_nothing_stands(kb):
-    """Q1: the state before the first transaction is empty."""
+def test_before_the_first_transaction_the_state_is_empty(kb):
+    """Q1: nothing holds and nothing is scheduled."""
     nothing = kb.state(START - 1)
     assert (nothing.instances, nothing.facts, nothing.functions, nothing.timed_knowledge) == ([], [], [], [])
     assert nothing.metric is None
     assert nothing.domain is None
 
 
-def test_timed_knowledge_is_that_recorded_and_not_yet_cancelled_at_the_time(kb, clock):
-    """Q1, T5: whatever is recorded or cancelled later."""
+def test_timed_knowledge_is_recorded_and_not_cancelled_at_the_time(kb, clock):
+    """Q1, T5: later recordings and cancellations do not change it."""
     kb.add("(raining)", initial_time=START + 100)
     clock.set(START + 10)
     kb.add("(open wp0)", initial_time=START + 90)
@@ -87,7 +87,7 @@ def test_listing_an_unknown_symbol_is_refused(kb, ask, unknown):
 
 
 def test_instances_of_a_type(kb):
-    """C8: exactly the type, or with its subtypes; constants where asked for."""
+    """C8: of exactly the type, or with its subtypes; constants where asked for."""
     assert texts(kb.instances("place")) == ["wp0 - place", "wp1 - place"]
     assert texts(kb.instances("room", include_subtypes=True)) == ["galley - kitchen", "hall - room"]
     assert texts(kb.instances("place", include_constants=True)) == ["home - place", "wp0 - place", "wp1 - place"]
@@ -99,7 +99,7 @@ def test_instances_of_a_type(kb):
 
 
 def test_a_belief_uses_only_what_was_known_then(kb, clock):
-    """Q2: recorded by T, and not yet cancelled at T."""
+    """Q2: recorded by T, and not cancelled by T."""
     kb.add("(raining)", initial_time=START + 100)
     clock.set(START + 10)
     kb.remove("(raining)", initial_time=START + 100)
@@ -109,8 +109,8 @@ def test_a_belief_uses_only_what_was_known_then(kb, clock):
     assert facts(kb, START + 100) == ["(open wp0)"]
 
 
-def test_a_belief_expected_what_stood_to_go_on(kb, clock):
-    """Q2: later removals, flips, and changes of numbers and objects were not known then."""
+def test_a_belief_expects_the_state_to_continue(kb, clock):
+    """Q2: later removals, changes of sign, of numbers and of objects were not known then."""
     kb.add("(open wp0)", "(= (battery kenny) 80)", "(near kenny wp0)")
     clock.set(START + 10)
     kb.remove("(open wp0)")
@@ -120,8 +120,8 @@ def test_a_belief_expected_what_stood_to_go_on(kb, clock):
     assert facts(kb, START + 500) == ["(not (near kenny wp0))"]
 
 
-def test_a_belief_expected_the_ends_that_were_scheduled(kb, clock):
-    """Q2, C9: and not the ones that were cancelled by then."""
+def test_a_belief_includes_scheduled_ends(kb, clock):
+    """Q2, C9: except those that were cancelled by then."""
     kb.add("(open wp0)")
     kb.add("(not (wp0 - place))", initial_time=START + 100)
     clock.set(START + 10)
@@ -166,16 +166,16 @@ def test_a_belief_after_a_transaction_leaves_out_later_ones_of_the_same_time(kb)
     assert facts(kb, START, as_of=START) == ["(not (open wp0))", "(open wp1)"]
 
 
-def test_every_question_can_be_put_to_a_belief(kb, clock):
+def test_every_question_takes_as_of(kb, clock):
     """Q2: holds, truth, value and explain agree with the state."""
-    told = kb.add("(open wp0)", "(= (cost) 1)")
+    added = kb.add("(open wp0)", "(= (cost) 1)")
     clock.set(START + 10)
     kb.remove("(open wp0)", "(cost)")
     at, then = START + 20, START + 5
     assert kb.holds("(open wp0)", at=at, as_of=then)
-    assert kb.truth("(open wp0)", at=at, as_of=told) is kbstore.Truth.TRUE
+    assert kb.truth("(open wp0)", at=at, as_of=added) is kbstore.Truth.TRUE
     assert kb.value("(cost)", at=at, as_of=then) == 1
-    assert kb.explain("(open wp0)", at=at, as_of=then).transaction.number == told.number
+    assert kb.explain("(open wp0)", at=at, as_of=then).transaction.number == added.number
     with pytest.raises(kbstore.UndefinedFunction):
         kb.value("(cost)", at=at)
 
@@ -210,8 +210,8 @@ def test_a_history_of_numbers_has_their_values(kb, clock):
     kb.add("(increase (battery kenny) (* #t -2))")
     clock.set(START + seconds(20))
     kb.add("(increase (battery kenny) 5)")
-    told = [(a.item.function_value, a.item.rate) for a in kb.history("(battery kenny)")]
-    assert told == [(80, 0), (80, -2), (65, -2)]
+    numbers = [(a.item.function_value, a.item.rate) for a in kb.history("(battery kenny)")]
+    assert numbers == [(80, 0), (80, -2), (65, -2)]
 
 
 def test_cancelled_assertions_are_listed_and_marked(kb):
@@ -226,7 +226,7 @@ def test_cancelled_assertions_are_listed_and_marked(kb):
 
 
 def test_assertions_of_no_length_are_listed_in_order_of_recording(kb):
-    """Q3: several transactions at one time."""
+    """Q3: of several transactions at one time."""
     for value in (3, 1, 2):
         kb.add(f"(= (cost) {value})")
     assert intervals(kb, "(cost)") == [
@@ -237,7 +237,7 @@ def test_assertions_of_no_length_are_listed_in_order_of_recording(kb):
 
 
 def test_a_history_can_be_limited_to_a_span(kb, clock):
-    """Q3: what stood somewhere in it."""
+    """Q3: it lists the assertions that overlap the span."""
     for step, value in enumerate((0, 1, 2, 3)):
         clock.set(START + 10 * step)
         kb.add(f"(= (cost) {value})")
@@ -256,7 +256,7 @@ def test_a_history_of_objects(kb, clock):
     ]
 
 
-def test_an_end_that_lies_ahead_names_the_transaction_that_scheduled_it(kb):
+def test_a_future_end_names_the_transaction_that_scheduled_it(kb):
     """Q3: also where the next assertion or the end of an object causes it."""
     kb.add("(raining)", "(open wp0)")
     later = kb.add("(not (raining))", "(not (wp0 - place))", initial_time=START + 10)
@@ -266,7 +266,7 @@ def test_an_end_that_lies_ahead_names_the_transaction_that_scheduled_it(kb):
 
 
 def test_a_history_of_everything(kb, clock):
-    """Q3: without a pattern all kinds of the state are listed, by time, and no goals; as of a transaction, as then."""
+    """Q3: without a pattern it lists all kinds of items of the state by time, without goals; also with `as_of`."""
     kb.add_goal("(open wp1)")
     first = kb.add("(open wp0)", "(= (battery kenny) 80)", "(> (cost) 3)", "maximize (cost)")
     clock.advance(seconds(1))
@@ -287,13 +287,13 @@ def test_a_history_of_everything(kb, clock):
 
 
 def test_the_transactions_of_a_span(kb, clock):
-    """Q6: those of ``[since, until)`` in order; as of a time or a transaction, those that had been committed."""
+    """Q6: those of ``[since, until)`` in order; with `as_of`, those that were committed by then."""
     for number in range(3, 6):
         clock.advance(seconds(1))
-        told = kb.add(f"wp{number} - place", client="mapper", note=f"room {number}")
-        assert told.number == number
+        added = kb.add(f"wp{number} - place", client="mapper", note=f"room {number}")
+        assert added.number == number
     assert [tx.number for tx in kb.transactions()] == [1, 2, 3, 4, 5]
-    assert kb.transactions()[-1] == told
+    assert kb.transactions()[-1] == added
     assert [tx.number for tx in kb.transactions(START + seconds(1), START + seconds(3))] == [3, 4]
     assert [tx.number for tx in kb.transactions(as_of=START + seconds(2))] == [1, 2, 3, 4]
     assert [tx.number for tx in kb.transactions(START, as_of=kb.transactions()[1])] == [1, 2]
@@ -311,7 +311,7 @@ def test_a_history_of_an_unknown_symbol_is_refused(kb):
 
 
 def test_a_difference_lists_what_became_true_false_and_was_withdrawn(kb, clock):
-    """Q5: facts and objects, compared by what was said."""
+    """Q5: facts and objects, compared by what was asserted."""
     kb.add("(open wp0)", "(not (raining))", "(near kenny wp0)")
     clock.set(START + 10)
     kb.remove("(not (raining))", "cup")
@@ -324,7 +324,7 @@ def test_a_difference_lists_what_became_true_false_and_was_withdrawn(kb, clock):
 
 
 def test_a_difference_of_numbers_metric_and_goals(kb, clock):
-    """Q5: from what to what, None where undefined; moving numbers have changed, too."""
+    """Q5: old and new value, None where undefined; numbers with a rate have changed, too."""
     kb.add(
         "(= (battery kenny) 80)",
         "(= (distance wp0 wp1) 5)",
@@ -349,7 +349,7 @@ def test_a_difference_of_numbers_metric_and_goals(kb, clock):
 
 
 def test_an_object_with_another_type_was_withdrawn_and_became_true(kb, clock):
-    """Q5: by its name alone it would not differ."""
+    """Q5: comparing names alone would miss it."""
     clock.set(START + 10)
     kb.remove("wp0")
     clock.set(START + 20)
@@ -359,8 +359,8 @@ def test_an_object_with_another_type_was_withdrawn_and_became_true(kb, clock):
     assert texts(difference.withdrawn) == ["wp0 - place"]
 
 
-def test_between_a_time_and_itself_nothing_differs(kb):
-    """Q5: nor where something came and went in between."""
+def test_a_time_does_not_differ_from_itself(kb):
+    """Q5: nor do two times where something began and ended in between."""
     kb.add("(open wp0)")
     empty = kb.diff(START, START)
     assert (empty.became_true, empty.became_false, empty.withdrawn, empty.numbers) == ([], [], [], [])
@@ -371,7 +371,7 @@ def test_between_a_time_and_itself_nothing_differs(kb):
 
 
 def test_changes_gives_each_transaction_once_in_order(kb, clock):
-    """Q6: numbers begin at 1 and have no gaps; refused and empty ones have none."""
+    """Q6: numbers begin at 1 without gaps; refused and empty transactions have none."""
     kb.add("(raining)")
     kb.add("(raining)")
     with pytest.raises(kbstore.InvalidKnowledge):
@@ -404,7 +404,7 @@ def test_a_change_has_everything_it_asserted_ended_and_cancelled(kb, clock):
 
 
 def test_changes_of_many_writers(open_kb, store_url, clock, tmp_path):
-    """Q6: each transaction once, in commit order, however many writers there are."""
+    """Q6: each transaction once, in commit order, with any number of writers."""
     if store_url == "sqlite://":
         store_url = f"sqlite:///{tmp_path / 'writers.db'}"
     name = f"writers-{tmp_path.name}"
@@ -422,8 +422,8 @@ def test_changes_of_many_writers(open_kb, store_url, clock, tmp_path):
             thread.join()
         changes = list(kb.changes())
     assert [change.number for change in changes] == list(range(1, 16))
-    told = [(change.transaction.client, texts(a.item for a in change.asserted)) for change in changes]
-    assert sorted(told) == sorted(
+    asserted = [(change.transaction.client, texts(a.item for a in change.asserted)) for change in changes]
+    assert sorted(asserted) == sorted(
         (f"writer {writer}", [f"(p{writer} x{step})"]) for writer in range(3) for step in range(5)
     )
 
@@ -431,8 +431,8 @@ def test_changes_of_many_writers(open_kb, store_url, clock, tmp_path):
 # -- a store that is closed ---------------------------------------------------------------------------------------
 
 
-def test_a_closed_knowledge_base_says_so(kb):
-    """Q1: no question and no writing after `close`."""
+def test_a_closed_knowledge_base_refuses_every_call(kb):
+    """Q1: after `close`, every question and update is an error."""
     kb.close()
     for use in (
         kb.state,
@@ -445,7 +445,7 @@ def test_a_closed_knowledge_base_says_so(kb):
 
 
 def test_what_was_written_is_there_after_reopening(open_kb, store_url, clock, tmp_path):
-    """Q1: another opening answers the same."""
+    """Q1: a second opening gives the same answers."""
     if store_url == "sqlite://":
         store_url = f"sqlite:///{tmp_path / 'again.db'}"
     name = f"again-{tmp_path.name}"

@@ -59,8 +59,8 @@ def at(clock, t):
 # -- what a rate follows ------------------------------------------------------------------------------------------
 
 
-def test_a_rate_follows_what_is_told(tanks, clock):
-    """O5: the number goes on from its value there."""
+def test_a_rate_follows_recorded_changes(tanks, clock):
+    """O5: the number continues from its value at the change."""
     tanks.start("fill", "a")
     at(clock, 10)
     tanks.add("(= (inflow a) 3)")
@@ -72,7 +72,7 @@ def test_a_rate_follows_what_is_told(tanks, clock):
 
 
 def test_a_rate_follows_effects_of_other_actions(tanks, clock):
-    """O5: at their start and end, real and expected."""
+    """O5: at their starts and ends, real and expected."""
     tanks.start("fill", "a")
     at(clock, 10)
     boost = tanks.start("boost", "a", "b", duration=seconds(10))
@@ -84,7 +84,7 @@ def test_a_rate_follows_effects_of_other_actions(tanks, clock):
 
 
 def test_a_rate_follows_a_schedule_by_the_clock_alone(tanks, clock):
-    """O5: pieces that lie ahead are settled when they are told; nobody has to be there when they come."""
+    """O5: future pieces are computed when the schedule is recorded; no process has to run when they come."""
     tanks.start("fill", "a")
     at(clock, 2)
     tanks.add("(= (inflow a) 4)", initial_time=START + seconds(5))
@@ -99,8 +99,8 @@ def test_a_rate_follows_a_schedule_by_the_clock_alone(tanks, clock):
     assert tanks.when("(= (level a) 13)", START, START + seconds(50)) == [(START + seconds(7), START + seconds(50))]
 
 
-def test_a_number_told_late_moves_as_runs_would_have_moved_it(tanks, clock):
-    """L6, L7: also where it had no value: 1 a second from 3 s and 3 from 4 s, whatever is learned of that later."""
+def test_a_late_number_moves_at_the_rates_of_the_runs(tanks, clock):
+    """L6, L7: also where it had no value: 1 a second from 3 s and 3 from 4 s, with later corrections."""
     run = tanks.start("fill", "a")
     tanks.add("(= (inflow a) 3)", initial_time=START + seconds(4))
     at(clock, 2)
@@ -120,8 +120,8 @@ def test_a_number_told_late_moves_as_runs_would_have_moved_it(tanks, clock):
     assert level(tanks, 8, 10, 12) == [27, 0, 0]
 
 
-def test_a_number_told_late_stands_still_where_a_rate_had_no_value(tanks, clock):
-    """O5, L6: nothing was added to it there, and 2 a second once the rate had a value again."""
+def test_a_late_number_does_not_move_while_a_rate_was_undefined(tanks, clock):
+    """O5, L6: nothing was added to it there, and 2 a second once the rate was defined again."""
     tanks.start("fill", "a")
     at(clock, 2)
     tanks.remove("(inflow a)")
@@ -132,8 +132,8 @@ def test_a_number_told_late_stands_still_where_a_rate_had_no_value(tanks, clock)
     assert level(tanks, 1, 3, 6, 8, 9) == [1, 10, 10, 14, 16]
 
 
-def test_a_schedule_that_is_taken_back_is_not_followed(tanks, clock):
-    """O5: what had been derived from it is derived anew."""
+def test_a_rate_does_not_follow_a_cancelled_schedule(tanks, clock):
+    """O5: the pieces that were derived from it are computed again."""
     tanks.start("fill", "a")
     tanks.add("(= (inflow a) 4)", initial_time=START + seconds(5))
     at(clock, 2)
@@ -146,8 +146,8 @@ def test_a_schedule_that_is_taken_back_is_not_followed(tanks, clock):
     assert level(tanks, 1, 2, 10) == [1, 100, 108]
 
 
-def test_pieces_ahead_come_by_the_clock(tanks, clock):
-    """O5, Q6: they are in no transaction's change, and what watches is told of them as they come."""
+def test_future_pieces_begin_by_the_clock(tanks, clock):
+    """O5, Q6: they are in no transaction's change, and a watch delivers them when they begin."""
     tanks.start("fill", "a")
     done = tanks.add("(= (inflow a) 4)", initial_time=START + seconds(5))
     (change,) = tanks.changes(after=done.number - 1)
@@ -158,8 +158,8 @@ def test_pieces_ahead_come_by_the_clock(tanks, clock):
     assert sorted(str(a.item).split(")")[0] for a in due.asserted) == ["(= (inflow a", "(= (level a"]
 
 
-def test_a_function_that_is_scheduled_itself_moves_on_from_there(tanks, clock):
-    """O5, C7: with the rate of its time."""
+def test_a_scheduled_function_moves_from_its_scheduled_value(tanks, clock):
+    """O5, C7: with the rate that holds at that time."""
     tanks.start("fill", "a")
     tanks.add("(= (level a) 50)", initial_time=START + seconds(10))
     tanks.add("(= (inflow a) 2)", initial_time=START + seconds(5))
@@ -171,7 +171,7 @@ def test_a_function_that_is_scheduled_itself_moves_on_from_there(tanks, clock):
     assert level(tanks, 5, 10, 12, 13) == [5, 50, 54, 57]
 
 
-def test_contributions_add_up_and_end_each_with_its_own(tanks, clock):
+def test_contributions_add_up_and_end_independently(tanks, clock):
     """O3, O5: two runs move one function by the same number."""
     fill = tanks.start("fill", "a")
     tanks.start("twice", "a")
@@ -183,7 +183,7 @@ def test_contributions_add_up_and_end_each_with_its_own(tanks, clock):
 
 
 def test_conditions_and_quantifiers_are_evaluated_again(tanks, clock):
-    """O5: a `when` that comes true, an object that is added, and one that is removed."""
+    """O5: a `when` that becomes true, an object that is added, and one that is removed."""
     tanks.add("(= (level a) 1000)", "(= (size v) 1)")
     tanks.start("drain", "a")
     at(clock, 10)
@@ -200,7 +200,7 @@ def test_conditions_and_quantifiers_are_evaluated_again(tanks, clock):
     assert level(tanks, 10, 20, 30, 40, 50, 60) == [1000, 990, 960, 960, 930, 910]
 
 
-def test_a_condition_by_rules_is_followed(tanks, clock):
+def test_a_rate_follows_derived_predicates(tanks, clock):
     """O5, V9: also where rules of the domain read a number."""
     tanks.add("(= (pressure) 1)")
     tanks.start("press", "a")
@@ -210,8 +210,8 @@ def test_a_condition_by_rules_is_followed(tanks, clock):
     assert level(tanks, 10, 20) == [0, 10]
 
 
-def test_what_is_asked_at_start_stays(tanks, clock):
-    """O2, O5: an at-start part counts as it was at the start; the rate itself follows."""
+def test_at_start_conditions_of_a_rate_do_not_change(tanks, clock):
+    """O2, O5: an at-start part keeps its value of the start; the rate itself follows."""
     tanks.add("(on a)")
     tanks.start("latched", "a")
     at(clock, 10)
@@ -222,7 +222,7 @@ def test_what_is_asked_at_start_stays(tanks, clock):
 
 
 def test_rates_are_followed_after_a_restart(clock, tmp_path):
-    """O5: with what their effects remember of the start."""
+    """O5: with what their effects latched at the start."""
     with kbstore.open(tmp_path / "tanks.db", "tanks", clock=clock) as kb:
         kb.load(TANKS)
         kb.add("a - tank", "(= (level a) 0)", "(= (inflow a) 1)", "(on a)")
@@ -236,7 +236,7 @@ def test_rates_are_followed_after_a_restart(clock, tmp_path):
 
 
 def test_a_transaction_sees_the_rates_that_follow_from_it(tanks, clock):
-    """O5: before it is stored."""
+    """O5: before the transaction is committed."""
     tanks.start("fill", "a")
     at(clock, 10)
     with tanks.transaction() as tx:
@@ -284,16 +284,16 @@ def test_a_start_whose_rate_reads_a_moving_number_is_refused(tanks, prepared, re
     ],
     ids=["rate", "continuous", "scheduled"],
 )
-def test_a_transaction_that_makes_a_number_move_that_is_read_is_refused(tanks, change):
-    """O5: by the transaction, also where it only schedules that."""
+def test_a_transaction_that_moves_a_number_read_by_a_rate_is_refused(tanks, change):
+    """O5: also where the transaction only schedules the rate."""
     tanks.start("fill", "a")
     with pytest.raises(kbstore.NotLinear, match=r"\(level a\) by \(inflow a\)"):
         change(tanks)
     assert level(tanks, 10) == [10]
 
 
-def test_what_another_run_moves_is_not_read_at_whatever_rate(tanks):
-    """O5: `grow` moves the pressure by 0 a second, and `press` asks for it."""
+def test_a_rate_may_not_read_a_number_that_another_run_moves(tanks):
+    """O5: `grow` moves the pressure by 0 a second, and `press` reads it."""
     tanks.add("(= (pressure) 1)")
     run = tanks.start("grow")
     with pytest.raises(kbstore.NotLinear):
@@ -307,8 +307,8 @@ def test_what_another_run_moves_is_not_read_at_whatever_rate(tanks):
 # -- what is undefined --------------------------------------------------------------------------------------------
 
 
-def test_where_a_rate_has_no_value_the_number_is_undefined_until_it_is_set(tanks, clock):
-    """O5: never a rate that was frozen in silence."""
+def test_while_a_rate_is_undefined_the_number_is_undefined_until_set(tanks, clock):
+    """O5: a rate is never frozen silently."""
     tanks.start("fill", "a")
     at(clock, 10)
     tanks.remove("(inflow a)")
@@ -323,8 +323,8 @@ def test_where_a_rate_has_no_value_the_number_is_undefined_until_it_is_set(tanks
     assert level(tanks, 9, 30, 40) == [9, 5, 25]
 
 
-def test_what_is_set_while_the_rate_has_no_value_stands(tanks, clock):
-    """O5: until it is set, and from then on without that rate."""
+def test_a_value_set_while_the_rate_is_undefined_holds(tanks, clock):
+    """O5: it keeps the assigned value, and does not move at that rate."""
     tanks.add("(= (other) 2)")
     tanks.start("ratio", "a")
     at(clock, 10)
@@ -339,7 +339,7 @@ def test_what_is_set_while_the_rate_has_no_value_stands(tanks, clock):
 
 
 def test_a_number_becomes_undefined_by_the_clock(tanks, clock):
-    """O5: where what its rate reads is scheduled to have no value; a value that is scheduled later stands again."""
+    """O5: where a number read by its rate is scheduled to become undefined; a value scheduled later holds again."""
     tanks.add("(= (other) 2)")
     tanks.start("ratio", "a")
     tanks.add("(= (other) 0)", initial_time=START + seconds(5))
@@ -357,7 +357,7 @@ def test_a_number_becomes_undefined_by_the_clock(tanks, clock):
 
 
 def test_at_its_expected_end_an_action_has_taken_exactly_its_duration(tanks, clock):
-    """O7: charging until full is full, for any rate, and its conditions and effects see that."""
+    """O7: charging for the time until full gives full at any rate; its conditions and effects see that."""
     chance = random.Random(7)
     for _ in range(40):
         first, rate = chance.uniform(0, 99), chance.choice([3, 7, 0.3, 11.7, chance.uniform(0.01, 50)])
@@ -371,8 +371,8 @@ def test_at_its_expected_end_an_action_has_taken_exactly_its_duration(tanks, clo
         assert ended.failing == [] or tanks.value("(level a)") < 100
 
 
-def test_at_any_other_end_it_has_taken_the_time_that_it_took(tanks, clock):
-    """O7: a second late is a second more."""
+def test_at_any_other_end_the_real_duration_counts(tanks, clock):
+    """O7: an end one second late adds one second of effect."""
     tanks.add("(= (inflow a) 3)")
     run = tanks.start("charge", "a")
     clock.set(run.expected_end + seconds(1))
@@ -380,8 +380,8 @@ def test_at_any_other_end_it_has_taken_the_time_that_it_took(tanks, clock):
     assert tanks.value("(level a)") == pytest.approx(103, abs=1e-8)
 
 
-def test_a_transaction_reads_what_rates_read(tanks, clock, monkeypatch):
-    """O5: while an action moves a number, an assertion about something else reads nothing for it."""
+def test_an_unrelated_assertion_does_not_read_rates(tanks, clock, monkeypatch):
+    """O5: while an action moves a number, an unrelated assertion causes no further reads."""
     tanks.start("fill", "a")
     read = []
     for name in ("state_at", "holding"):

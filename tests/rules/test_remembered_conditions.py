@@ -1,4 +1,4 @@
-"""Rules O2 and O3: conditional effects at the end of an action that depend on what was true at its start."""
+"""Rules O2 and O3: conditional effects at the end of an action that depend on conditions at its start."""
 
 import pytest
 import sqlalchemy as sa
@@ -61,7 +61,7 @@ def furnished(kb):
     return kb
 
 
-def test_what_was_true_at_the_start_counts_at_the_end(yard, clock):
+def test_a_condition_true_at_the_start_counts_at_the_end(yard, clock):
     """O2, O3: the condition has become false meanwhile, and the effect happens all the same."""
     yard.add("(lit)")
     run = yard.start("watch")
@@ -72,7 +72,7 @@ def test_what_was_true_at_the_start_counts_at_the_end(yard, clock):
     assert facts(yard) == ["(noted)"]
 
 
-def test_what_was_false_at_the_start_does_not_count_at_the_end(yard, clock):
+def test_a_condition_false_at_the_start_does_not_count_at_the_end(yard, clock):
     """O2, O3: the condition has become true meanwhile, and the effect does not happen."""
     run = yard.start("watch")
     clock.set(START + seconds(4))
@@ -83,7 +83,7 @@ def test_what_was_false_at_the_start_does_not_count_at_the_end(yard, clock):
 
 
 def test_each_run_remembers_its_own_start(yard, clock):
-    """O3: the second run began when the condition was true, the first one when it was not."""
+    """O3: the condition was true when the second run began, and false when the first one did."""
     yard.end(yard.start("watch"))
     assert facts(yard) == []
     clock.set(START + seconds(1))
@@ -95,7 +95,7 @@ def test_each_run_remembers_its_own_start(yard, clock):
 
 
 def test_the_start_is_the_state_before_the_at_start_effects(yard):
-    """O2: what the action's own at-start effects take away was true at its start."""
+    """O2: a fact that the action's own at-start effects delete was true at its start."""
     yard.add("(fresh kenny)")
     run = yard.start("rest", "kenny")
     assert facts(yard) == []
@@ -115,8 +115,8 @@ def test_the_start_is_the_state_before_the_at_start_effects(yard):
         (False, False, ["(dark)"]),
     ],
 )
-def test_each_part_of_a_condition_is_of_its_own_moment(yard, clock, lit, opened, expected):
-    """O2: one part is asked at the start, the other at the end, in the state before the at-end effects."""
+def test_each_part_of_a_condition_is_evaluated_at_its_own_time(yard, clock, lit, opened, expected):
+    """O2: one part is evaluated at the start, the other at the end, before the at-end effects."""
     if lit:
         yard.add("(lit)")
     run = yard.start("compare")
@@ -129,7 +129,7 @@ def test_each_part_of_a_condition_is_of_its_own_moment(yard, clock, lit, opened,
 
 
 def test_a_universal_effect_remembers_each_object(yard):
-    """O2, V4: constants and objects, each by itself."""
+    """O2, V4: constants and objects, each separately."""
     yard.add("(dirty wp0)", "(dirty home)")
     run = yard.start("sweep")
     yard.update([(2, "(dirty wp0)"), (0, "(dirty wp1)")])
@@ -143,15 +143,15 @@ def test_objects_that_appear_during_a_run(yard):
     runs = [yard.start(name) for name in ("polish", "flood")]
     yard.add("wp2 - place")
     yard.end(runs[0])
-    # that (dirty wp2) was false at the start nobody asked
+    # nothing recorded that (dirty wp2) was false at the start
     assert facts(yard) == ["(Lit)", "(clean Home)", "(clean wp0)", "(clean wp1)"]
     yard.remove("(lit)")
     yard.end(runs[1])
     assert facts(yard) == ["(clean Home)", "(clean wp0)", "(clean wp1)", "(clean wp2)"]
 
 
-def test_a_start_condition_without_objects_is_decided_even_if_no_object_exists_then(yard):
-    """O3: it applies to objects that appear before the end, since it names none of them."""
+def test_a_start_condition_without_variables_is_decided_without_objects(yard):
+    """O3: since it names no object, it applies to objects that appear before the end."""
     yard.load(YARD.replace("(:constants Home - place)", ""))
     yard.remove("wp0 - place", "wp1 - place")
     yard.add("(lit)")
@@ -163,7 +163,7 @@ def test_a_start_condition_without_objects_is_decided_even_if_no_object_exists_t
 
 
 def test_objects_that_end_during_a_run(yard):
-    """O3, C9: effects do not apply to an object that no longer exists; they do to the others."""
+    """O3, C9: effects apply only to the objects that still exist at the end."""
     yard.add("(dirty wp0)", "(dirty wp1)")
     run = yard.start("sweep")
     yard.remove("wp0 - place")
@@ -171,8 +171,8 @@ def test_objects_that_end_during_a_run(yard):
     assert facts(yard) == ["(clean wp1)"]
 
 
-def test_conditions_of_both_moments_nest(yard):
-    """O2: around the effect at the end stand conditions of either moment, whichever is outside."""
+def test_start_and_end_conditions_nest(yard):
+    """O2: an effect at the end may be inside conditions of both times, in either order."""
     yard.add("(path wp0 wp1)", "(path wp1 wp0)", "(clean wp1)")
     run = yard.start("link")
     yard.update([(2, "(path wp0 wp1)"), (0, "(path wp1 home)"), (2, "(clean wp1)"), (0, "(clean wp0)")])
@@ -181,7 +181,7 @@ def test_conditions_of_both_moments_nest(yard):
 
 
 def test_numbers_and_derived_predicates_at_the_start(yard, clock):
-    """O2, V9: any condition may be remembered, also one on the duration; the effect reads the state at the end."""
+    """O2, V9: any condition may be latched, also one on the duration; the effect reads the state at the end."""
     yard.add("(open)")
     run = yard.start("tally", duration=seconds(6))
     yard.remove("(open)")
@@ -195,8 +195,8 @@ def test_numbers_and_derived_predicates_at_the_start(yard, clock):
     assert (yard.value("(log)"), facts(yard)) == (4, ["(Lit)"])
 
 
-def test_what_is_unknown_at_the_start_is_not_true(open_yard):
-    """V6, O2: neither the fact nor its negation is known, so that neither effect happens."""
+def test_a_condition_unknown_at_the_start_is_not_true(open_yard):
+    """V6, O2: neither the fact nor its negation is known, so neither effect happens."""
     run = open_yard.start("compare")
     open_yard.add("(lit)", "(open)")
     open_yard.end(run)
@@ -209,14 +209,14 @@ def test_what_is_unknown_at_the_start_is_not_true(open_yard):
 
 
 def test_an_aborted_action_has_no_such_effects(yard, clock):
-    """O3: whatever was true at the start."""
+    """O3: even if the condition was true at the start."""
     yard.add("(lit)")
     yard.abort(yard.start("watch"))
     assert facts(yard) == ["(Lit)"]
 
 
 def test_a_continuous_effect_may_depend_on_the_start(yard, clock):
-    """O2, O3: on the state before the at-start effects, which take the condition away here."""
+    """O2, O3: on the state before the at-start effects, which delete the condition here."""
     yard.add("(lit)")
     run = yard.start("fill")
     assert not yard.holds("(lit)")
@@ -229,8 +229,8 @@ def test_a_continuous_effect_may_depend_on_the_start(yard, clock):
     assert yard.value("(level)") == 12
 
 
-def test_an_undefined_number_makes_an_action_inapplicable_only_if_its_effect_would_happen(yard):
-    """O1: a continuous effect on an undefined function keeps the action from being applied, if it would happen."""
+def test_an_undefined_number_matters_only_if_the_effect_would_happen(yard):
+    """O1: a continuous effect on an undefined function is refused only where it would happen."""
     yard.remove("(level)")
     assert yard.applicable("fill")
     yard.add("(lit)")
@@ -266,8 +266,8 @@ def test_a_forecast_ignores_start_conditions_that_become_true_later(yard, clock)
     assert facts(yard, START + seconds(10)) == ["(Lit)"]
 
 
-def test_a_belief_uses_the_start_of_the_run_of_then(yard, clock):
-    """O3, Q2: as of the first run, as of the second one, and now that both are over."""
+def test_a_belief_uses_the_start_of_the_run_at_that_time(yard, clock):
+    """O3, Q2: as of the first run, as of the second, and now that both have ended."""
     yard.add("(lit)")
     first = yard.start("watch")
     clock.set(START + seconds(2))
@@ -297,7 +297,7 @@ def test_a_problem_has_the_end_effects_that_were_decided_at_the_start(yard, cloc
 # -- where it is kept ---------------------------------------------------------------------------------------------
 
 
-def test_a_transaction_sees_what_its_own_run_remembers(yard, clock):
+def test_a_transaction_sees_the_latched_conditions_of_its_own_run(yard, clock):
     """O3: started, expected and ended in one transaction."""
     with yard.transaction() as tx:
         tx.add("(lit)")
@@ -316,8 +316,8 @@ def test_a_transaction_sees_what_its_own_run_remembers(yard, clock):
     assert facts(yard) == ["(noted)"]
 
 
-def test_a_start_that_is_taken_back_is_forgotten(yard):
-    """C1: a transaction that fails stores nothing, and the next run remembers its own start."""
+def test_a_start_that_is_rolled_back_latches_nothing(yard):
+    """C1: a transaction that fails stores nothing, and the next run latches its own start."""
     yard.add("(lit)")
 
     def interrupted():
@@ -358,7 +358,7 @@ def test_start_conditions_survive_a_restart(store_url, clock, tmp_path):
 
 
 def test_a_domain_loaded_during_a_run(yard):
-    """D3, D4: a start condition that only the new version has was not true at the start; case does not matter."""
+    """D3, D4: a start condition that only the new version has was not true at the start, in any case of its names."""
     yard.add("(lit)", "(open)")
     run = yard.start("watch")
     before = ":effect (when (at start (lit)) (at end (noted))))"

@@ -1,4 +1,4 @@
-"""Rule C13: replacing the state, and what is left alone."""
+"""Rule C13: replacing the state, and what stays as it is."""
 
 import pytest
 
@@ -34,7 +34,7 @@ def changed(kb, done):
 
 
 def test_replacing_records_the_difference_alone(rooms, clock):
-    """C13, C2: what holds already is left as it is; what is not among the items is removed."""
+    """C13, C2: items that hold already stay as they are; assertions that are not among the items are removed."""
     rooms.add("(open wp0)", "(not (open wp1))", "(= (level wp0) 5)", "(= (level wp1) 1)", "(> (level wp0) 2)", "(wet)")
     clock.advance(10)
     done = rooms.replace(*OBJECTS, "(open wp0)", "(open wp1)", "(= (level wp0) 6)", "(> (level wp1) 0)")
@@ -47,7 +47,7 @@ def test_replacing_records_the_difference_alone(rooms, clock):
 
 
 def test_replacing_a_state_by_itself_changes_nothing(rooms):
-    """C13, C1, C2: no transaction is recorded; a moving number has its value at now and its rate."""
+    """C13, C1, C2: no transaction is recorded; a number with a rate is given by its value at now and its rate."""
     moving = kbstore.Function(attribute_name="cost", function_value=3, rate=2)
     last = rooms.add("(open wp0)", "(not (wet))", moving)
     state = rooms.state()
@@ -55,8 +55,8 @@ def test_replacing_a_state_by_itself_changes_nothing(rooms):
     assert (done.number, done.changes) == (last.number, 0)
 
 
-def test_an_object_that_is_missing_ends_with_what_mentions_it_and_what_runs_with_it(rooms, clock):
-    """C13, C9, C12: also a fact among the items cannot mention it."""
+def test_a_missing_object_ends_with_its_mentions_and_runs(rooms, clock):
+    """C13, C9, C12: a fact among the items may not mention it."""
     rooms.add("(near kenny wp0)", "(= (level wp0) 5)", "(= (level wp1) 5)")
     rooms.add_goal("(open wp1)")
     rooms.start("mop", "kenny", "wp1")
@@ -76,8 +76,8 @@ def test_an_object_that_is_missing_ends_with_what_mentions_it_and_what_runs_with
     assert "expired with its instance" in str(explained)
 
 
-def test_goals_metric_runs_and_what_is_scheduled_are_left_alone(rooms):
-    """C13: replacing is about what holds now."""
+def test_goals_metric_runs_and_schedule_are_left_alone(rooms):
+    """C13: `replace` is about the state at now alone."""
     rooms.add("(= (level wp0) 5)")
     rooms.add_goal("(open wp0)")
     rooms.add_metric("minimize (cost)")
@@ -90,7 +90,7 @@ def test_goals_metric_runs_and_what_is_scheduled_are_left_alone(rooms):
     for name in ("goals", "metric", "timed_knowledge", "running"):
         assert getattr(after, name) == getattr(before, name)
     assert after.running == [run]
-    # what runs goes on moving it
+    # runs still move it
     assert rooms.value("(level wp0)", at=START + seconds(2)) == 5
 
 
@@ -105,8 +105,8 @@ def test_goals_metric_runs_and_what_is_scheduled_are_left_alone(rooms):
         ("(seen wp0)", "derived"),
     ],
 )
-def test_what_is_no_part_of_a_state_is_refused(rooms, wrong, reason):
-    """C13, D1: all violations together, and nothing is stored."""
+def test_items_that_are_not_part_of_a_state_are_refused(rooms, wrong, reason):
+    """C13, D1: all violations are reported together, and nothing is stored."""
     rooms.add("(wet)", "(= (cost) 2)")
     before = picture(rooms)
     with pytest.raises(kbstore.InvalidKnowledge, match=reason) as refused:
@@ -123,7 +123,7 @@ def test_a_type_changes_only_after_an_end(rooms):
     assert picture(rooms) == before
 
 
-def test_replacing_by_nothing_leaves_nothing(rooms):
+def test_replacing_by_no_items_clears_the_state(rooms):
     """C13: every object ends."""
     rooms.add("(wet)", "(open wp0)")
     rooms.replace()
@@ -131,7 +131,7 @@ def test_replacing_by_nothing_leaves_nothing(rooms):
 
 
 def test_replacing_within_a_transaction(rooms):
-    """C13, C1: the last of several updates of a timeline is recorded."""
+    """C13, C1: of several updates of a timeline the last is recorded."""
     rooms.add("(wet)")
     with rooms.transaction() as tx:
         tx.add("(open wp1)")
@@ -140,16 +140,16 @@ def test_replacing_within_a_transaction(rooms):
     assert changed(rooms, tx.result) == [["(open wp0)"], []]
 
 
-def test_without_a_domain(open_kb):
-    """C13: labels, case and inequalities are recognised."""
+def test_replacing_without_a_domain(open_kb):
+    """C13: labels, case and inequalities are matched."""
     kb = open_kb()
     kb.add("(At Kenny wp0)", "(> (level wp0) 2)", "(= (level wp0) 1)")
     assert kb.replace("(at kenny WP0)", "(> (LEVEL wp0) 2)", "(= (Level wp0) 1)").changes == 0
     assert kb.replace("(at kenny wp0)").changes == 2
 
 
-def test_a_transaction_that_takes_back_a_removal_takes_back_its_aborts(rooms):
-    """C1, C12: an update that fails leaves what runs as it was, also where the block goes on."""
+def test_rolling_back_a_removal_rolls_back_its_aborts(rooms):
+    """C1, C12: an update that fails leaves the runs as they were, also where the block continues."""
     rooms.add("(= (level wp0) 5)")
     run = rooms.start("mop", "kenny", "wp0")
     with rooms.transaction() as tx:

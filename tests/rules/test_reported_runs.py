@@ -1,4 +1,4 @@
-"""Runs that something else carries out: their starts and ends are recorded, and nothing is evaluated."""
+"""Runs that another program carries out: their starts and ends are recorded, and nothing is evaluated."""
 
 import pytest
 
@@ -49,7 +49,7 @@ def test_a_reported_run_changes_nothing_else(moving, clock):
 
 
 def test_the_duration_of_a_reported_run(moving):
-    """It is what is given, else what the domain fixes, else 0, where neither is known."""
+    """It is the given one, else the one that the domain fixes, else 0."""
     with moving.transaction() as tx:
         given = tx.report_start("go", "kenny", "a", "b", duration=seconds(7))
         unknown = tx.report_start("rest", "kenny")
@@ -57,7 +57,7 @@ def test_the_duration_of_a_reported_run(moving):
 
 
 def test_a_reported_run_runs_once(moving):
-    """O3: what runs already cannot start again, nor what does not run end."""
+    """O3: a run cannot start a second time, nor end where it is not running."""
     with moving.transaction() as tx:
         run = tx.report_start("go", "kenny", "a", "b")
     with moving.transaction() as tx, pytest.raises(NotApplicable, match="runs already"):
@@ -69,7 +69,7 @@ def test_a_reported_run_runs_once(moving):
 
 
 def test_an_instantaneous_action_can_be_reported(moving):
-    """Where it is carried out it takes time, and is a run."""
+    """The program that carries it out needs time for it, so it is a run."""
     with moving.transaction() as tx:
         run = tx.report_start("blink", "kenny", "a", duration=seconds(1))
     assert moving.state().running == [run]
@@ -78,7 +78,7 @@ def test_an_instantaneous_action_can_be_reported(moving):
     assert [found.outcome for found in moving.runs()] == ["ended"]
 
 
-def test_its_objects_exist(moving):
+def test_the_objects_of_a_reported_run_must_exist(moving):
     """A run names objects of the types of its operator (D1)."""
     with moving.transaction() as tx, pytest.raises(InvalidKnowledge, match="nowhere"):
         tx.report_start("go", "kenny", "a", "nowhere")

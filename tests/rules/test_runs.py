@@ -1,4 +1,4 @@
-"""Rules O6 and Q8: invariants of what runs, watched while it runs, and the runs themselves."""
+"""Rules O6 and Q8: invariants are watched while their action runs, and runs are listed."""
 
 import pytest
 
@@ -46,8 +46,8 @@ def spans(broken):
     ]
 
 
-def test_force_starts_what_cannot_be_foreseen(open_kb):
-    """O6: two moving numbers multiplied; it is NotLinear, and with force it starts, and says what it overruled."""
+def test_force_starts_a_run_that_cannot_be_forecast(open_kb):
+    """O6: a product of two moving numbers is NotLinear; with force the action starts, and lists what was overruled."""
     kb = open_kb()
     kb.load("""
       (define (domain d) (:functions (x) (y))
@@ -63,7 +63,7 @@ def test_force_starts_what_cannot_be_foreseen(open_kb):
 
 
 def test_a_broken_invariant_is_on_record_with_its_spans(plant, clock):
-    """O6: while the action runs, in its end, and afterwards; the end never fails by it."""
+    """O6: while the action runs, in the result of `end`, and afterwards; `end` does not fail because of it."""
     run = plant.start("go", "p")
     assert plant.broken(run) == []
     at(clock, 2)
@@ -85,14 +85,14 @@ def test_a_broken_invariant_is_on_record_with_its_spans(plant, clock):
 
 
 def test_an_invariant_is_watched_after_the_start_and_before_the_end(plant, clock):
-    """O6: an action may establish what it needs, and take it away at its end."""
+    """O6: an action may establish its invariant at its start, and delete it at its end."""
     run = plant.start("go", "q")
     at(clock, 10)
     assert plant.end(run).broken == []
 
 
 def test_an_invariant_may_break_by_the_clock_alone(plant, clock):
-    """O6: by what is scheduled, through derived predicates, and by a moving number, to the nanosecond."""
+    """O6: by the schedule, through derived predicates, and by a moving number, to the nanosecond."""
     run = plant.start("go", "p")
     drain = plant.start("drain", "p")
     plant.add("(= (level) 60)", initial_time=START + seconds(3))
@@ -107,7 +107,7 @@ def test_an_invariant_may_break_by_the_clock_alone(plant, clock):
     assert plant.broken(drain)[0].since == START + seconds(11) + 1
 
 
-def test_what_is_unknown_or_undefined_is_broken(open_kb, clock):
+def test_an_unknown_or_undefined_invariant_is_broken(open_kb, clock):
     """O6: an invariant is broken wherever it is not true."""
     kb = open_kb(use_unknowns=True)
     kb.load(PLANT)
@@ -122,7 +122,7 @@ def test_what_is_unknown_or_undefined_is_broken(open_kb, clock):
 
 
 def test_an_invariant_may_read_the_duration(plant, clock):
-    """O6, O3: as the run was started."""
+    """O6, O3: the duration is that of the start."""
     run = plant.start("timed", "p", duration=seconds(5))
     at(clock, 1)
     plant.add("(= (level) 4)")
@@ -131,14 +131,14 @@ def test_an_invariant_may_read_the_duration(plant, clock):
 
 
 @pytest.mark.parametrize("wrong", ["go", None, kbstore.Run("go", ("p",), START, 1, 99)])
-def test_what_is_not_a_run_is_refused(plant, wrong):
+def test_broken_refuses_what_is_not_a_run(plant, wrong):
     """O6: a typed error says what to give."""
     with pytest.raises(kbstore.InvalidKnowledge, match="is not a run"):
         plant.broken(wrong)
 
 
 def test_a_break_is_delivered_as_it_begins(plant, clock):
-    """O6, Q6: by a transaction or by the clock alone, once; a reader that goes on misses none."""
+    """O6, Q6: once, by a transaction or by the clock alone; a reader that continues misses none."""
     run = plant.start("go", "p")
     last = list(plant.changes())[-1]
     plant.add("(= (level) 60)", initial_time=START + seconds(6))
@@ -162,7 +162,7 @@ def test_a_break_is_delivered_as_it_begins(plant, clock):
 
 
 def test_a_number_that_crosses_breaks_by_the_clock(plant, clock):
-    """O6: where nothing else happens at that time; the level is 30 - 2 a second, and has to stay at 4."""
+    """O6: where nothing else happens at that time; the level is 30 - 2 a second, and has to be at least 4."""
     plant.start("drain", "p")
     watching = plant.watch(timeout=0)
     at(clock, 9)
@@ -177,7 +177,7 @@ def test_a_number_that_crosses_breaks_by_the_clock(plant, clock):
 # -- O6: what is expected -----------------------------------------------------------------------------------------
 
 
-def test_an_invariant_that_a_schedule_will_break_is_foreseen(plant, clock):
+def test_a_scheduled_break_of_an_invariant_is_forecast(plant, clock):
     """O6: the action is not applicable, and the condition is named with its time; force starts it all the same."""
     plant.add("(fault)", initial_time=START + seconds(4))
     (failing,) = plant.applicable("go", "p").failing
@@ -192,14 +192,14 @@ def test_an_invariant_that_a_schedule_will_break_is_foreseen(plant, clock):
 
 
 @pytest.mark.parametrize(("t", "breaks"), [(9, True), (10, False)])
-def test_what_comes_at_the_expected_end_is_not_looked_at(plant, t, breaks):
+def test_a_break_at_the_expected_end_does_not_count(plant, t, breaks):
     """O6: invariants are watched in `[started, ended)`."""
     plant.add("(fault)", initial_time=START + seconds(t))
     assert bool(plant.applicable("go", "p")) is not breaks
 
 
-def test_an_action_may_break_its_own_invariant_by_what_it_moves(plant, clock):
-    """O6: to the nanosecond; the level is 30, falls by 2 a second, and has to stay at 14."""
+def test_an_action_may_break_its_own_invariant_by_its_rate(plant, clock):
+    """O6: to the nanosecond; the level is 30, falls by 2 a second, and has to be at least 14."""
     plant.add("(= (limit) 14)")
     (failing,) = plant.applicable("drain", "p").failing
     assert (failing.condition, failing.since) == ("(>= (level) (limit))", START + seconds(8) + 1)
@@ -207,19 +207,19 @@ def test_an_action_may_break_its_own_invariant_by_what_it_moves(plant, clock):
     assert plant.applicable("drain", "p")
 
 
-def test_expected_ends_of_others_count(plant, clock):
-    """O6: the end of another run takes away what this one needs, or gives back what it needs in time."""
+def test_expected_ends_of_other_runs_count(plant, clock):
+    """O6: the end of another run deletes an invariant of this one, or restores it in time."""
     plant.start("go", "q")
     at(clock, 5)
     # q is not ready any more from 10 on
     (failing,) = plant.applicable("lean", "q").failing
     assert (failing.condition, failing.since) == ("(ready q)", START + seconds(10))
     at(clock, 11)
-    assert plant.applicable("lean", "q").failing == []  # it is late, and expected to run on
+    assert plant.applicable("lean", "q").failing == []  # it is overdue, and expected to run on
 
 
-def test_without_a_duration_the_start_alone_is_checked(plant, clock):
-    """O6: where none is given or fixed."""
+def test_without_a_duration_only_the_start_is_checked(plant, clock):
+    """O6: where no duration is given or fixed."""
     plant.add("(= (level) 1)", initial_time=START + seconds(2))
     assert plant.applicable("loose", "p")
     assert not plant.applicable("loose", "p", duration=seconds(5))
@@ -229,8 +229,8 @@ def test_without_a_duration_the_start_alone_is_checked(plant, clock):
 # -- Q8 -----------------------------------------------------------------------------------------------------------
 
 
-def test_runs_are_listed_with_how_they_went(plant, clock):
-    """Q8: by start, with outcome, transactions, what was forced, and what was broken."""
+def test_runs_are_listed_with_their_outcome(plant, clock):
+    """Q8: by start, with outcome, transactions, forced conditions, and broken ones."""
     first = plant.start("go", "p")
     at(clock, 1)
     second = plant.start("timed", "q", duration=seconds(20), force=True)
@@ -255,7 +255,7 @@ def test_runs_are_listed_with_how_they_went(plant, clock):
 
 
 def test_runs_of_a_span(plant, clock):
-    """Q8: `[started, ended)` meets it, or the run has no length and starts in it."""
+    """Q8: `[started, ended)` overlaps the span, or the run has no length and starts in it."""
     run = plant.start("go", "p")
     at(clock, 2)
     plant.end(run)
@@ -301,7 +301,7 @@ def test_a_pattern_that_cannot_match_is_refused(plant, pattern):
 
 
 def test_runs_as_of_an_earlier_time(plant, clock):
-    """Q8: what ended later is running, and what started later is not there."""
+    """Q8: a run that ended later is running, and one that started later is not listed."""
     run = plant.start("go", "p")
     started = list(plant.changes())[-1].transaction
     plant.start("drain", "p")
@@ -314,8 +314,8 @@ def test_runs_as_of_an_earlier_time(plant, clock):
     assert plant.runs(as_of=started)[0].ended_by is None
 
 
-def test_an_end_never_fails_by_what_has_been_archived(kb, clock, tmp_path):
-    """O6, Q7: `end` and `runs` answer with what broke in the history that is kept; `broken` needs all of it."""
+def test_an_end_does_not_fail_because_of_archived_history(kb, clock, tmp_path):
+    """O6, Q7: `end` and `runs` use the history that is kept; `broken` needs all of it."""
     kb.load(
         "(define (domain shift) (:predicates (lit)) (:durative-action work :parameters ()"
         " :duration (= ?duration 30) :condition (over all (lit)) :effect (at end (lit))))",
@@ -335,8 +335,8 @@ def test_an_end_never_fails_by_what_has_been_archived(kb, clock, tmp_path):
         kb.broken(run)
 
 
-def test_runs_of_any_span_are_those_that_meet_it(plant, clock):
-    """Q8: `[started, ended)` meets the span, or it has no length and starts in it; whatever ran before or after."""
+def test_runs_of_random_spans_are_those_that_overlap(plant, clock):
+    """Q8: `[started, ended)` overlaps the span, or it has no length and starts in it; among earlier and later runs."""
     for turn in range(30):
         at(clock, turn)
         for pump in ("p", "q"):

@@ -1,4 +1,4 @@
-"""Rule O8: what is marked as sensed is left to sensors, and expected all the same."""
+"""Rule O8: effects on sensed symbols are not written, but expected."""
 
 import pytest
 
@@ -30,7 +30,7 @@ def at(clock, t):
     clock.set(START + seconds(t))
 
 
-def test_effects_on_what_is_sensed_are_not_written(hall, clock):
+def test_effects_on_sensed_symbols_are_not_written(hall, clock):
     """O8: at start, at end, and of instantaneous actions; a sensor reports them."""
     for name in ("moving", "lit", "inside", "count", "door_open"):
         hall.set_sensed(name, True)
@@ -57,7 +57,7 @@ HEATERS = """
 
 @pytest.mark.parametrize("use_unknowns", [False, True])
 def test_every_unwritten_effect_counts_for_invariants(open_kb, clock, use_unknowns):
-    """O8: conditional ones as decided before the start, those below forall, and numbers; each until it is reported."""
+    """O8: conditional ones as decided before the start, those in forall, and numbers; each until it is reported."""
     kb = open_kb(use_unknowns=use_unknowns)
     kb.load(HEATERS)
     kb.add("a - heater", "b - heater", "(linked a)", "(= (level) 3)")
@@ -78,8 +78,8 @@ def test_every_unwritten_effect_counts_for_invariants(open_kb, clock, use_unknow
     ]
 
 
-def test_what_a_sensor_has_not_reported_starts_no_rate(open_kb, clock):
-    """O8, O5: a rate whose condition an unwritten effect would make true does not act, nor is it refused."""
+def test_an_unreported_effect_does_not_start_a_rate(open_kb, clock):
+    """O8, O5: a rate whose condition only an unwritten effect makes true does not act, nor is it refused."""
     kb = open_kb()
     kb.load("""
       (define (domain d) (:predicates (open)) (:functions (level) (inflow))
@@ -98,8 +98,8 @@ def test_what_a_sensor_has_not_reported_starts_no_rate(open_kb, clock):
     assert kb.value("(level)", at=START + seconds(7)) == 5
 
 
-def test_a_continuous_effect_on_what_is_sensed_does_not_move_it(hall, clock):
-    """O8: and a question about a time after now computes it as if it did."""
+def test_a_continuous_effect_on_a_sensed_function_does_not_move_it(hall, clock):
+    """O8: a question about a time after now computes it as if it did."""
     hall.set_sensed("position", True)
     run = hall.start("enter")
     assert [hall.value("(position)", at=START + seconds(t)) for t in (0, 3, 10, 20)] == [0, 6, 20, 20]
@@ -112,8 +112,8 @@ def test_a_continuous_effect_on_what_is_sensed_does_not_move_it(hall, clock):
     assert [hall.value("(position)", at=START + seconds(t)) for t in (3, 4, 10, 20)] == [0, 7, 7, 7]
 
 
-def test_at_end_effects_on_what_is_sensed_are_expected(hall, clock):
-    """O8: as long as the end lies ahead."""
+def test_at_end_effects_on_sensed_symbols_are_expected(hall, clock):
+    """O8: as long as the end is ahead."""
     hall.set_sensed("inside", True)
     hall.start("enter")
     assert hall.holds("(inside)", at=START + seconds(10))

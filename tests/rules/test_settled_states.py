@@ -1,4 +1,4 @@
-"""States of the past, which are kept for a while once they were asked for."""
+"""Past states, which are cached after the first question."""
 
 import random
 
@@ -10,7 +10,7 @@ LONGER = DOMAIN.replace("(raining)", "(raining) (foggy)")
 
 
 def content(state):
-    """All that a state says, in the order in which it says it."""
+    """All content of a state, in its order."""
     return (
         state.at,
         *map(str, (state.instances, state.facts, state.functions, state.goals, state.metric, state.inequalities)),
@@ -42,7 +42,7 @@ def write_something(kb, clock, chance):
 
 
 def test_a_settled_state_stays_as_it_was(tmp_path):
-    """T5: asked again, a state of the past is what it was, and what a reader says that remembers nothing."""
+    """T5: a past state stays the same, and equals that of a reader without caches."""
     chance = random.Random(5)
     clock = kbstore.ManualClock(START)
     store = tmp_path / "store.db"
@@ -74,8 +74,8 @@ def test_changing_a_returned_list_does_not_change_the_state(kb, clock):
     assert content(kb.state(at=then)) == before
 
 
-def test_the_latest_moment_is_not_settled(kb, clock):
-    """What is written at the time of the latest transaction changes the state at that time."""
+def test_the_state_at_the_latest_time_is_not_settled(kb, clock):
+    """A later write at the time of the latest transaction changes the state at that time."""
     now = kb.add("(open wp0)").time
     assert not kb.holds("(open wp1)", at=now)
     assert not kb.state(at=now).holds("(open wp1)")
@@ -84,7 +84,7 @@ def test_the_latest_moment_is_not_settled(kb, clock):
 
 
 def test_a_cached_state_is_not_read_again(tmp_path):
-    """Asking for the same moment of the past again reads no assertions."""
+    """Asking for the same past time again reads no assertions."""
     clock = kbstore.ManualClock(START)
     with kbstore.open(tmp_path / "store.db", clock=clock) as kb:
         then = kb.add("(open door)").time

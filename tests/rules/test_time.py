@@ -15,7 +15,7 @@ LATEST = 2**62 - 1
 
 
 class Ticking:
-    """A clock that moves on by a nanosecond whenever somebody reads it."""
+    """A clock that advances by a nanosecond at each reading."""
 
     def __init__(self, start):
         self.t = start
@@ -29,7 +29,7 @@ class Ticking:
 
 
 def test_a_time_is_an_int_of_nanoseconds(kb, clock):
-    """T1: what is told at t stands at t, and not one nanosecond before."""
+    """T1: an assertion made at t holds at t, and not one nanosecond before."""
     clock.set(START + 7)
     kb.add("(raining)")
     assert facts(kb, START + 7) == ["(raining)"]
@@ -37,7 +37,7 @@ def test_a_time_is_an_int_of_nanoseconds(kb, clock):
 
 
 def test_a_simulated_clock_may_start_at_zero(open_kb):
-    """T1: nothing assumes the wall clock; knowledge told at 0 stands at 0."""
+    """T1: nothing assumes the wall clock; knowledge recorded at 0 holds at 0."""
     kb = open_kb(clock=kbstore.ManualClock(0))
     kb.add("(raining)")
     assert kb.now() == 0
@@ -133,7 +133,7 @@ def test_other_forms_are_refused_with_advice(kb, form, says):
     "question", ["holds", "truth", "value", "explain", "instances", "propositions", "goals", "metric"]
 )
 def test_every_question_refuses_a_float_for_a_time(kb, question):
-    """T2: the door is the same for every question."""
+    """T2: all questions convert times in the same way."""
     about = {"instances": (), "propositions": (), "goals": (), "metric": (), "value": ("(battery kenny)",)}
     with pytest.raises(kbstore.InvalidTime):
         getattr(kb, question)(*about.get(question, ("(raining)",)), at=1000.0)
@@ -177,7 +177,7 @@ def test_text_with_a_sign_is_relative_to_now(open_kb, form, away):
 
 
 def test_relative_text_needs_a_now(kb):
-    """T2: what stands in an item, or is converted alone, is an absolute time; the error says so."""
+    """T2: a time in an item, or converted alone, must be absolute; the error says so."""
     with pytest.raises(kbstore.InvalidTime, match="relative to now"):
         kbstore.time("-5m")
     with pytest.raises(kbstore.InvalidTime, match="relative to now"):
@@ -200,7 +200,7 @@ def test_seconds_are_exact():
 
 
 def test_now_is_read_once_for_a_transaction(open_kb):
-    """T3: all updates of a transaction have the same time, though the clock goes on."""
+    """T3: all updates of a transaction have the same time, although the clock advances."""
     kb = open_kb(clock=Ticking(START))
     transaction = kb.add("(a)", "(b)", "(c)", "(= (f) 1)")
     state = kb.state(transaction.time)
@@ -209,7 +209,7 @@ def test_now_is_read_once_for_a_transaction(open_kb):
 
 
 def test_now_is_read_on_entry_of_a_transaction(kb, clock):
-    """T3: inside of a transaction the time stands still."""
+    """T3: inside a transaction the time does not advance."""
     with kb.transaction() as tx:
         tx.add("(raining)")
         clock.advance(50)
@@ -219,7 +219,7 @@ def test_now_is_read_on_entry_of_a_transaction(kb, clock):
 
 
 def test_a_clock_that_is_a_little_behind_is_read_as_the_latest_time(kb, clock):
-    """T3: behind by at most the tolerance of one second is read as the latest recorded time."""
+    """T3: up to the tolerance of one second."""
     clock.set(START + seconds(5))
     kb.add("(raining)")
     clock.set(START + seconds(4))
@@ -229,7 +229,7 @@ def test_a_clock_that_is_a_little_behind_is_read_as_the_latest_time(kb, clock):
 
 
 def test_a_clock_that_is_far_behind_is_refused(kb, clock):
-    """T3: further behind than the tolerance, nothing is stored."""
+    """T3: behind by more than the tolerance, nothing is stored."""
     clock.set(START + seconds(5))
     before = kb.add("(raining)")
     clock.set(START + seconds(4) - 1)
@@ -242,7 +242,7 @@ def test_a_clock_that_is_far_behind_is_refused(kb, clock):
     assert [change.number for change in kb.changes()][-1] == before.number
 
 
-def test_a_question_sees_what_was_written_whatever_the_clock_says(kb, clock):
+def test_a_question_sees_all_writes_at_any_clock_time(kb, clock):
     """T3: in questions now is the later of the clock and the latest recorded time."""
     clock.set(START + seconds(5))
     kb.add("(raining)")
@@ -255,7 +255,7 @@ def test_a_question_sees_what_was_written_whatever_the_clock_says(kb, clock):
 
 
 def test_another_knowledge_base_has_a_time_of_its_own(open_kb):
-    """T3: now never runs backwards in a knowledge base; another one begins afresh."""
+    """T3: now never runs backwards in one knowledge base; each has its own."""
     open_kb(clock=kbstore.ManualClock(START)).add("(raining)")
     other = open_kb(clock=kbstore.ManualClock(3))
     assert other.add("(raining)").time == 3
@@ -321,7 +321,7 @@ def test_every_type_of_knowledge_can_be_scheduled(kb, item, shown):
 
 
 def test_the_past_never_changes(kb, clock):
-    """T5: whatever is written later, the state at each time before the latest recorded one stays the same."""
+    """T5: later writes do not change the state at any time before the latest recorded one."""
     end = START + seconds(60)
     kb.add("(open wp0)", "(near kenny wp1)", "(= (battery kenny) 80)", "box - item", "minimize (cost)")
     kb.add("(not (open wp0))", "(tagged kenny)", "(not (box - item))", initial_time=START + seconds(30))
@@ -351,7 +351,7 @@ def test_the_past_never_changes(kb, clock):
 
 
 def test_nothing_takes_effect_before_it_was_recorded(kb, clock):
-    """T5: of every assertion, the initial time is not before the time of its recording."""
+    """T5: no assertion has an initial time before the time of its recording."""
     clock.set(START + 10)
     kb.add("(raining)", initial_time=START + 3)
     kb.add("(open wp0)", initial_time=START + 30)
@@ -369,13 +369,13 @@ def machine(monkeypatch):
 
 
 def pass_time(machine, wall, measured):
-    """Let time pass: by the wall clock, and as the machine measures it."""
+    """Let time pass, by the wall clock and as the machine measures it."""
     machine.wall += wall
     machine.measured += measured
 
 
 def test_a_clock_that_jumped_stores_nothing(open_kb, machine):
-    """T6: nine years by the wall clock within ten seconds are refused, until the clock is set right."""
+    """T6: nine years by the wall clock within ten seconds are refused, until the clock is corrected."""
     kb = open_kb(clock=SystemClock())
     number = kb.add("a - thing").number
     pass_time(machine, 9 * 365 * 86_400, 10)
@@ -387,7 +387,7 @@ def test_a_clock_that_jumped_stores_nothing(open_kb, machine):
 
 @pytest.mark.parametrize(("ahead", "jumps"), [(3600, False), (3601, True)])
 def test_the_largest_step_is_an_hour(open_kb, machine, ahead, jumps):
-    """T6: an hour more than what was measured since the last good reading is a correction; beyond, it is a jump."""
+    """T6: up to an hour more than measured since the last good reading is a correction; more is a jump."""
     kb = open_kb(clock=SystemClock())
     pass_time(machine, 100, 100)
     kb.add("a - thing")
@@ -414,7 +414,7 @@ def test_a_suspended_machine_has_not_jumped(open_kb, machine):
 
 
 def test_a_knowledge_base_that_is_opened_anew_takes_the_clock_as_it_is(open_kb, machine):
-    """T6: only what a process has read itself is compared."""
+    """T6: a process compares only its own readings."""
     kb = open_kb("jumping", clock=SystemClock())
     pass_time(machine, 86_400, 1)
     with pytest.raises(kbstore.ClockJumped):
@@ -423,7 +423,7 @@ def test_a_knowledge_base_that_is_opened_anew_takes_the_clock_as_it_is(open_kb, 
 
 
 def test_other_clocks_may_jump(open_kb, clock):
-    """T6: a manual or simulated clock jumps as far as it likes."""
+    """T6: manual and simulated clocks may jump by any amount."""
     kb = open_kb()
     kb.add("a - thing")
     clock.advance(seconds(10 * 365 * 86_400))

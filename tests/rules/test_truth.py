@@ -1,4 +1,4 @@
-"""Rules V1 to V3 and V6 to V8: what stands, what is true, and why."""
+"""Rules V1 to V3 and V6 to V8: what holds, what is true, and why."""
 
 import pytest
 
@@ -20,8 +20,8 @@ def open_world(open_kb):
 # -- V1 -----------------------------------------------------------------------------------------------------------
 
 
-def test_a_timeline_stands_at_its_latest_assertion(kb, clock):
-    """V1: at t stands the assertion with the greatest initial time that is not after t."""
+def test_the_latest_assertion_of_a_timeline_holds(kb, clock):
+    """V1: at t the assertion with the greatest initial time not after t holds."""
     for value in (1, 2, 3):
         clock.set(START + 10 * value)
         kb.add(f"(= (cost) {value})")
@@ -29,8 +29,8 @@ def test_a_timeline_stands_at_its_latest_assertion(kb, clock):
     assert values == {10: 1, 19: 1, 20: 2, 29: 2, 30: 3, 1000: 3}
 
 
-def test_of_equal_times_the_later_recorded_stands(kb):
-    """V1: several transactions at one time."""
+def test_among_equal_initial_times_the_last_recorded_holds(kb):
+    """V1: of several transactions at one time, the last counts."""
     kb.add("(raining)")
     kb.add("(not (raining))")
     kb.add("(= (cost) 1)")
@@ -39,8 +39,8 @@ def test_of_equal_times_the_later_recorded_stands(kb):
     assert kb.value("(cost)", at=START) == 2
 
 
-def test_what_is_added_now_replaces_what_was_scheduled_for_now(kb, clock):
-    """V1: of equal times, the later recorded stands, also where the earlier one was scheduled."""
+def test_an_item_added_now_replaces_one_scheduled_for_now(kb, clock):
+    """V1: among equal initial times the last recorded holds, also where the earlier one was scheduled."""
     kb.add("(raining)", initial_time=START + 10)
     clock.set(START + 10)
     kb.add("(not (raining))")
@@ -48,17 +48,17 @@ def test_what_is_added_now_replaces_what_was_scheduled_for_now(kb, clock):
     assert facts(kb, START + 11) == ["(not (raining))"]
 
 
-def test_before_the_first_and_after_a_removal_it_says_nothing(kb, clock):
+def test_before_the_first_assertion_and_after_a_removal_a_fact_is_absent(kb, clock):
     """V1: there the fact is absent."""
     clock.set(START + 10)
     kb.add("(raining)")
     clock.set(START + 20)
     kb.remove("(raining)")
-    stands = {at: facts(kb, START + at) for at in (9, 10, 19, 20, 21)}
-    assert stands == {9: [], 10: ["(raining)"], 19: ["(raining)"], 20: [], 21: []}
+    holding = {at: facts(kb, START + at) for at in (9, 10, 19, 20, 21)}
+    assert holding == {9: [], 10: ["(raining)"], 19: ["(raining)"], 20: [], 21: []}
 
 
-def test_what_is_cancelled_never_stands(kb):
+def test_a_cancelled_assertion_never_holds(kb):
     """V1: cancelled assertions do not count."""
     kb.add("(raining)")
     kb.add("(not (raining))", initial_time=START + 10)
@@ -70,7 +70,7 @@ def test_what_is_cancelled_never_stands(kb):
 
 
 def test_in_a_closed_world_absent_is_false(kb):
-    """V2: the default."""
+    """V2: this is the default."""
     kb.add("(open wp0)", "(not (open wp1))")
     truths = {wp: kb.truth(f"(open {wp})") for wp in ("wp0", "wp1", "hall")}
     assert truths == {"wp0": Truth.TRUE, "wp1": Truth.FALSE, "hall": Truth.FALSE}
@@ -84,20 +84,20 @@ def test_in_an_open_world_absent_is_unknown(open_world):
 
 
 def test_not_in_a_closed_world_holds_wherever_it_is_not_asserted(kb):
-    """V3: absent and explicitly false alike."""
+    """V3: both absent and explicitly false facts satisfy `not`."""
     kb.add("(open wp0)", "(not (open wp1))")
     assert [kb.holds(f"(not (open {wp}))") for wp in ("wp0", "wp1", "hall")] == [False, True, True]
 
 
 def test_not_in_an_open_world_holds_only_where_explicitly_false(open_world):
-    """V3: absent is not enough."""
+    """V3: an absent fact does not satisfy `not`."""
     open_world.add("(open wp0)", "(not (open wp1))")
     assert [open_world.holds(f"(not (open {wp}))") for wp in ("wp0", "wp1", "hall")] == [False, True, False]
     assert open_world.truth("(not (open hall))") is Truth.UNKNOWN
 
 
 def test_the_world_is_chosen_at_creation_and_stored(open_kb, tmp_path, clock):
-    """V2: opening with another value than the stored one is refused, without a value it is the stored one."""
+    """V2: opening with another value than the stored one is refused; the default is the stored one."""
     url = f"sqlite:///{tmp_path / 'world.db'}"
     with kbstore.open(url, "open", clock=clock, use_unknowns=True):
         pass
@@ -112,7 +112,7 @@ def test_the_world_is_chosen_at_creation_and_stored(open_kb, tmp_path, clock):
 
 
 def test_a_truth_has_no_truth_value():
-    """V2: unknown is neither; `bool()` says what to use."""
+    """V2: unknown is neither true nor false; the error of `bool()` says what to use."""
     with pytest.raises(TypeError, match="holds"):
         bool(Truth.TRUE)
 
@@ -137,13 +137,13 @@ def test_holds_is_true_exactly_when_the_truth_is(kb, open_world):
 
 def test_explain_gives_the_reason_and_its_transaction(kb, clock):
     """V6: asserted, explicitly false, never told, removed, expired with its instance."""
-    told = kb.add("(open wp0)", "(not (open wp1))", "(near kenny wp1)", "(clean hall)")
+    added = kb.add("(open wp0)", "(not (open wp1))", "(near kenny wp1)", "(clean hall)")
     clock.set(START + 10)
     removed = kb.remove("(clean hall)")
     gone = kb.remove("kenny")
     reasons = {
-        "(open wp0)": ("asserted", told.number),
-        "(open wp1)": ("explicitly false", told.number),
+        "(open wp0)": ("asserted", added.number),
+        "(open wp1)": ("explicitly false", added.number),
         "(raining)": ("never told", None),
         "(clean hall)": ("removed", removed.number),
         "(near kenny wp1)": ("expired with its instance", gone.number),
@@ -155,16 +155,16 @@ def test_explain_gives_the_reason_and_its_transaction(kb, clock):
 
 
 def test_explain_is_about_the_time_asked_for(kb, clock):
-    """V6: the reason is the one at that time."""
-    told = kb.add("(raining)")
+    """V6: the reason is the one at the time of the question."""
+    added = kb.add("(raining)")
     clock.set(START + 10)
     kb.remove("(raining)")
-    assert kb.explain("(raining)", at=START + 5).transaction.number == told.number
+    assert kb.explain("(raining)", at=START + 5).transaction.number == added.number
     assert kb.explain("(raining)", at=START - 1).reason == "never told"
 
 
 def test_explain_names_an_undefined_function(kb):
-    """V6: a comparison that reads an undefined function says so."""
+    """V6: for a comparison that reads it."""
     assert "undefined" in str(kb.explain("(> (battery kenny) 1)")).lower()
 
 
@@ -208,20 +208,20 @@ def tank(open_kb, clock):
         ("(> (level) 20)", seconds(10), "gauge"),
         ("(busy)", None, None),
         ("(and (busy) (= a b))", None, None),
-        # always so, whatever has been told of what makes it so now
+        # always so, independently of the facts that make it so now
         ("(imply (seen a) (not (busy)))", None, None),
         ("(= a b)", None, None),
     ],
 )
 def test_explain_says_since_when(tank, condition, since, client):
-    """V6: the truth of a condition may turn by the clock, and by objects that do not decide it any more."""
+    """V6: the truth of a condition may change by the clock, and by objects that do not decide it any more."""
     explanation = tank.explain(condition)
     assert explanation.since == (None if since is None else START + since)
     assert (explanation.transaction.client if explanation.transaction else None) == client
 
 
 def test_explain_says_since_when_the_condition_has_failed(tank, clock):
-    """V6: not since the last change of a part that decides it: false before and after that change is one span."""
+    """V6: it was false before and after the last change of a part that decides it, which is one span."""
     with tank.transaction(client="pump") as tx:
         tx.add("(= (level) 2)")
         assert tx.state().explain("(> (level) 5)").since == START + seconds(15)
@@ -251,10 +251,10 @@ DRYING = """
 
 
 def test_explain_names_the_action_that_is_expected_to_make_it_so(open_kb, clock):
-    """V6, O3: an expected effect is the reason, not what was recorded before it."""
+    """V6, O3: an expected effect is the reason, not the assertion before it."""
     kb = open_kb()
     kb.load(DRYING)
-    told = kb.add("(wet linen)", "(= (water linen) 5)", client="laundry")
+    added = kb.add("(wet linen)", "(= (water linen) 5)", client="laundry")
     clock.set(START + seconds(1))
     kb.start("hang", "Linen", client="maid")
     end = START + seconds(11)
@@ -269,10 +269,10 @@ def test_explain_names_the_action_that_is_expected_to_make_it_so(open_kb, clock)
     assert (found.truth, found.since, found.transaction.client) == (Truth.FALSE, end, "maid")
     assert kb.explain("(hung linen)", at=end).reason == "asserted"
     assert "(dry Linen)" in facts(kb, end)
-    assert kb.explain("(wet linen)", at=end - 1).transaction.number == told.number
+    assert kb.explain("(wet linen)", at=end - 1).transaction.number == added.number
     assert kb.explain("(dry linen)", at=end - 1).reason == "never told"
     assert kb.explain("(wet linen)", at=end + seconds(9)).transaction.client == "forecast"
-    assert kb.explain("(dry linen)", at=end, as_of=told).reason == "never told"
+    assert kb.explain("(dry linen)", at=end, as_of=added).reason == "never told"
 
     clock.set(START + seconds(5))
     kb.abort(kb.state().running[0])
@@ -299,8 +299,8 @@ def test_two_wildcards_do_not_join(kb):
     assert kb.holds(Function(attribute_name="distance", values=["?x", "?x"]))
 
 
-def test_not_stands_outside_of_a_wildcard(kb):
-    """V7: `(not (open ?))` says that there is no open one, as text and as an item."""
+def test_not_applies_outside_the_wildcard(kb):
+    """V7: `(not (open ?))` means that no place is open, as text and as an item."""
     assert kb.holds("(not (open ?))")
     kb.add("(not (open wp0))")
     assert kb.holds("(not (open ?))")
@@ -329,7 +329,7 @@ def test_a_negative_pattern_in_a_removal_matches_explicit_negatives(kb):
 
 
 def test_a_wildcard_in_a_comparison_is_refused(kb):
-    """V7: the message says what to write."""
+    """V7: the error says what to write."""
     kb.add("(= (battery kenny) 5)")
     with pytest.raises(kbstore.KbStoreError, match="exists"):
         kb.holds("(> (battery ?) 3)")
@@ -357,7 +357,7 @@ def test_a_query_takes_several_items(kb):
 
 
 def test_a_query_of_conditions_names_those_that_do_not_hold(kb):
-    """V4, V6: a condition is an item of a query like any other, and is named as its text."""
+    """V4, V6: a condition in a query is an item like any other, and is named by its text."""
     kb.add("(open wp0)")
     true, false = "(or (open wp1) (open wp0))", "(or (open wp1) (not (open wp0)))"
     result = kb.query(true, "(open wp1)", false, "(forall (?p - place) (open ?p))")
@@ -367,7 +367,7 @@ def test_a_query_of_conditions_names_those_that_do_not_hold(kb):
 
 
 def test_the_goals_can_be_given_to_a_query(kb):
-    """V6, C10: those that are conditions, too."""
+    """V6, C10: goals that are conditions, too."""
     kb.add("(open wp0)")
     kb.add_goal("(and (open wp0) (or (open wp1) (not (open wp0))) (exists (?p - place) (open ?p)) (open wp1))")
     result = kb.query(*kb.goals())
@@ -387,7 +387,7 @@ def test_unknown_is_false_in_a_query(open_world):
 
 
 def test_an_object_can_be_asked_for(kb, clock):
-    """V7: an INSTANCE item asks whether the object exists and is of the type or below it."""
+    """V7: an INSTANCE item asks whether the object exists and is of that type or a subtype."""
     assert kb.holds("galley - kitchen")
     assert kb.holds("galley - place")
     assert not kb.holds("wp0 - room")
@@ -399,7 +399,7 @@ def test_an_object_can_be_asked_for(kb, clock):
 
 
 def test_a_question_may_name_objects_that_do_not_exist(kb, open_world):
-    """V8: what it says of them is absent."""
+    """V8: facts about it are absent."""
     for world, absent in ((kb, Truth.FALSE), (open_world, Truth.UNKNOWN)):
         assert world.truth("(near nobody nowhere)") is absent
     assert kb.holds("(not (near nobody nowhere))")
@@ -408,8 +408,8 @@ def test_a_question_may_name_objects_that_do_not_exist(kb, open_world):
 @pytest.mark.parametrize(
     "question", ["(flying kenny)", "(> (speed kenny) 3)", "kenny - dragon", "(exists (?d - dragon) (open ?d))"]
 )
-def test_what_the_domain_does_not_know_is_an_unknown_symbol(kb, question):
-    """V8: predicate, function, type; the name is in the message."""
+def test_a_symbol_that_the_domain_lacks_is_an_unknown_symbol(kb, question):
+    """V8: predicate, function, type; the message has the name."""
     with pytest.raises(kbstore.UnknownSymbol, match=r"flying|speed|dragon"):
         kb.holds(question)
 
@@ -425,7 +425,7 @@ def test_an_unknown_function_or_operator_is_an_unknown_symbol(kb):
 
 
 def test_a_name_with_a_space_matches_no_two_names(bare):
-    """V8, D3: no such name is stored, so it is absent in questions, removals and patterns."""
+    """V8, D3: no such name is stored, so the fact is absent in questions, removals and patterns."""
     bare.add("(near kenny wp0)", "(= (distance wp0 wp1) 3)", "(p)")
     facts = [
         Fact(attribute_name="near kenny", values=["wp0"]),
@@ -448,7 +448,7 @@ def test_a_name_with_a_space_matches_no_two_names(bare):
 
 
 def test_the_value_of_an_undefined_function_is_an_error(kb, clock):
-    """V5, C7: never 0."""
+    """V5, C7: it is not 0."""
     with pytest.raises(kbstore.UndefinedFunction, match=r"battery kenny"):
         kb.value("(battery kenny)")
     clock.set(START + seconds(1))

@@ -1,4 +1,4 @@
-"""Rules D1 to D4: what is refused before anything is written, and what the domain has to do with it."""
+"""Rules D1 to D4: validation before anything is written, and the domain's part in it."""
 
 import hashlib
 
@@ -74,8 +74,8 @@ def near(**values):
         ("(= (battery ?) 3)", r"\?", ""),
     ],
 )
-def test_what_does_not_fit_the_domain_is_refused(kb, text, offender, expected):
-    """D1: the message names the item in PDDL and says what was expected; nothing is stored, for now or for later."""
+def test_items_that_do_not_fit_the_domain_are_refused(kb, text, offender, expected):
+    """D1: the message has the item in PDDL and what was expected; nothing is stored, for now or for later."""
     before = picture(kb)
     for options in ({}, {"initial_time": START + 10}):
         with pytest.raises(kbstore.InvalidKnowledge, match=offender) as refusal:
@@ -85,7 +85,7 @@ def test_what_does_not_fit_the_domain_is_refused(kb, text, offender, expected):
 
 
 def test_subtypes_constants_and_either_types_fit(kb):
-    """D1: an argument is of the declared type or a subtype, at any depth; constants and `either` are known."""
+    """D1: an argument is of the declared type or a subtype, at any depth, and may be a constant."""
     kb.add("(open galley)", "(open hall)", "(open home)", "(clean galley)", "(tagged kenny)", "(tagged cup)")
     assert len(facts(kb)) == 6
 
@@ -106,7 +106,7 @@ def test_labels_may_come_in_any_order(kb):
 
 
 def test_labels_in_expressions_may_come_in_any_order(kb, clock):
-    """D1: in an inequality, a metric, a goal and an expression that is asked for, as in a fact."""
+    """D1: in an inequality, a metric, a goal and an expression in a question, as in a fact."""
     kb.add("(= (distance wp0 wp1) 1)", "(= (distance wp1 wp0) 2)")
     swapped = function_token("distance", to="wp1", **{"from": "wp0"})
     distance = ExprComposite(tokens=[swapped])
@@ -130,7 +130,7 @@ def test_labels_in_expressions_may_come_in_any_order(kb, clock):
 
 
 def test_wrong_labels_in_expressions_are_refused(kb):
-    """D1: said or asked."""
+    """D1: in knowledge and in questions."""
     wrong = function_token("distance", to="wp1", start="wp0")
     statement = inequality(ComparisonType.EQUALS, [wrong], [ExprBase.of(1)])
     for use in (kb.add, kb.add_goal, kb.remove, kb.remove_goal, kb.holds):
@@ -142,7 +142,7 @@ def test_wrong_labels_in_expressions_are_refused(kb):
 
 @pytest.mark.parametrize("values", [{"who": "kenny", "where": "wp0"}, {"who": "kenny"}, {"x": "kenny", "y": "wp0"}])
 def test_unknown_or_missing_labels_are_refused(kb, values):
-    """D1: the message says which labels the domain has."""
+    """D1: the message has the labels of the domain."""
     with pytest.raises(kbstore.InvalidKnowledge, match="near"):
         kb.add(near(**values))
     assert facts(kb) == []
@@ -177,7 +177,7 @@ def walks(kb):
 
 @pytest.mark.parametrize("values", [{"from": "wp0", "to": "wp1"}, {"to": "wp1", "from": "wp0"}])
 def test_labels_of_functions_in_messages_may_come_in_any_order(walks, values):
-    """D1: of the functions that an inequality or a metric reads, in questions and in what is kept."""
+    """D1: labels of the functions that an inequality or a metric reads, in questions and in knowledge."""
     seven = compared(4, 7.0, **values)
     assert walks.truth(seven) is Truth.TRUE
     assert walks.query(seven, Inequality.model_validate(seven)).results == [True, True]
@@ -197,7 +197,7 @@ def test_labels_of_functions_in_messages_may_come_in_any_order(walks, values):
 
 
 @pytest.mark.parametrize("values", [{"from": "wp0", "via": "wp1"}, {"from": "wp0", "": "wp1"}])
-def test_labels_in_expressions_that_are_not_the_domains_are_refused(walks, values):
+def test_unknown_labels_in_expressions_are_refused(walks, values):
     """D1: as those of facts and functions are; nothing is stored, and nothing answered."""
     before = picture(walks)
     for method in ("add", "remove", "add_goal", "remove_goal", "holds", "query"):
@@ -210,7 +210,7 @@ def test_labels_in_expressions_that_are_not_the_domains_are_refused(walks, value
 
 
 def test_functions_in_expressions_have_the_domains_labels(walks):
-    """D1: in what comes out, as the arguments of facts and functions have."""
+    """D1: in results, as the arguments of facts and functions have."""
     walks.add_goal("(> (distance wp0 wp1) 7)")
     walks.add("(> (distance wp0 wp1) 7)")
     walks.add_metric("minimize (distance wp0 wp1)")
@@ -235,7 +235,7 @@ def test_a_label_twice_is_refused(kb):
 
 
 def test_an_argument_must_exist_at_the_items_time(kb, clock):
-    """D1: not only now; objects scheduled or ended count at their times."""
+    """D1: not only at now; scheduled starts and ends of objects count."""
     kb.add("box - item", initial_time=START + 10)
     kb.add("(not (box - item))", initial_time=START + 20)
     for at in (None, START + 9, START + 20):
@@ -257,11 +257,11 @@ def test_an_argument_may_be_added_earlier_in_the_same_transaction(kb):
     with pytest.raises(kbstore.InvalidKnowledge, match="crate"):
         kb.add("(tagged crate)", "crate - item")
     with pytest.raises(kbstore.InvalidKnowledge, match="box"), kb.transaction() as tx:
-        _remove_and_speak(tx)
+        _remove_and_mention(tx)
     assert facts(kb) == ["(tagged box)"]
 
 
-def _remove_and_speak(tx):
+def _remove_and_mention(tx):
     tx.remove("box")
     tx.add("(not (tagged box))")
 
@@ -302,7 +302,7 @@ def test_a_bad_item_at_the_end_of_ten_thousand_good_ones(kb):
 
 
 def test_a_violation_in_a_file_names_file_and_line(kb, tmp_path):
-    """D1: where it came from a file, with file and line."""
+    """D1: for items that come from a file."""
     problem = tmp_path / "task.pddl"
     problem.write_text(
         "(define (problem task)\n  (:domain rooms)\n  (:objects w7 - place)\n"
@@ -348,7 +348,7 @@ BAD_NAMES = [
     ],
 )
 def test_a_name_is_shown_as_it_was_first_written(bare, has_domain, method, first):
-    """D3: also where a goal or a metric was the first to speak of it, or the domain."""
+    """D3: also where a goal, a metric or the domain was the first to mention it."""
     if has_domain:
         bare.load(
             "(define (domain d) (:types place) (:constants Base - place)"
@@ -361,7 +361,7 @@ def test_a_name_is_shown_as_it_was_first_written(bare, has_domain, method, first
 
 
 @pytest.mark.parametrize("name", BAD_NAMES)
-def test_names_that_cannot_be_read_back_are_refused(kb, bare, name):
+def test_names_that_pddl_cannot_read_back_are_refused(kb, bare, name):
     """D3: white space, brackets, quotes, `;`, a leading `?`, control characters, more than 255 characters."""
     for world in (kb, bare):
         with pytest.raises(kbstore.InvalidKnowledge):
@@ -379,7 +379,7 @@ def test_names_that_cannot_be_read_back_are_refused(kb, bare, name):
 
 @pytest.fixture
 def one_kb():
-    """A knowledge base in memory, where what is tried does not depend on the store."""
+    """A knowledge base in memory, for tests that do not depend on the store."""
     with kbstore.open("sqlite://", clock=kbstore.ManualClock(START)) as kb:
         kb.load(DOMAIN)
         kb.add(*OBJECTS)
@@ -402,7 +402,7 @@ def one_kb():
     ids=["open", "close", "not", "and", "or", "imply", "exists", "minus", "plus"],
 )
 def test_text_nested_very_deep_is_stored_or_refused(one_kb, text, methods):
-    """D1: an error of kbstore's or a result, never Python's recursion limit; the message stays readable."""
+    """D1: a result or an error of kbstore's, never Python's recursion limit; the message stays readable."""
     for method in methods:
         try:
             getattr(one_kb, method)(text)
@@ -417,7 +417,7 @@ def test_text_nested_very_deep_is_stored_or_refused(one_kb, text, methods):
 
 @pytest.mark.parametrize("kind", ["goal", "inequality", "metric"])
 def test_long_formulas_are_stored(bare, kind):
-    """C10, C11: a goal, an inequality or a metric of tens of thousands of characters, told again, and removed."""
+    """C10, C11: a goal, an inequality or a metric of tens of thousands of characters is added twice, and removed."""
     terms = [f"(cost-{hashlib.sha256(str(index).encode()).hexdigest()})" for index in range(500)]
     total = f"(+ {' '.join(terms)})"
     text = {"goal": f"(or {' '.join(terms)})", "inequality": f"(> {total} 1)", "metric": f"minimize {total}"}[kind]
@@ -443,7 +443,7 @@ def test_text_that_is_not_an_item_is_refused(kb, text):
 
 @pytest.mark.parametrize("kind", [6, -1, "add", None])
 def test_an_unknown_kind_of_update_is_refused(kb, kind):
-    """D1, C1: as a violation beside the others; the message lists the kinds, and nothing is stored."""
+    """D1, C1: it is a violation beside the others; the message lists the kinds, and nothing is stored."""
     before = picture(kb)
     with pytest.raises(kbstore.InvalidKnowledge, match="REMOVE_METRIC 5") as refusal:
         kb.update([(UpdateType.ADD_KNOWLEDGE, "(raining)"), (kind, "(raining)"), (0, "(no_such_thing)")])
@@ -453,7 +453,7 @@ def test_an_unknown_kind_of_update_is_refused(kb, kind):
 
 @pytest.mark.parametrize("update", [(9, "(raining)"), ("(raining)", 0), "(raining)", (0,), (0, "(raining)", 1), None])
 def test_anything_but_an_update_is_refused(kb, update):
-    """D1, C1: with a typed error that names the kinds; the other updates are not done."""
+    """D1, C1: with a typed error that names the kinds; the other updates are not applied."""
     with pytest.raises(kbstore.InvalidKnowledge, match="ADD_KNOWLEDGE 0"):
         kb.update([(kbstore.UpdateType.ADD_KNOWLEDGE, "(open wp0)"), update])
     assert facts(kb) == []
@@ -461,7 +461,7 @@ def test_anything_but_an_update_is_refused(kb, update):
 
 @pytest.mark.parametrize("thing", [None, 3, 2.5, b"(raining)", object(), {}, {"knowledge_type": 9}, ["(raining)"]])
 def test_anything_but_knowledge_is_refused(kb, thing):
-    """D1: with a typed error, everywhere."""
+    """D1: with a typed error, in every method."""
     for method in ("add", "remove", "add_goal", "holds"):
         with pytest.raises(kbstore.KbStoreError):
             getattr(kb, method)(thing)
@@ -480,14 +480,14 @@ def test_values_in_text_have_to_be_finite(kb, text):
 
 
 def test_without_a_domain_only_the_shape_is_checked(bare):
-    """D2: objects need not exist, symbols need not be declared."""
+    """D2: objects need not exist, and symbols need not be declared."""
     bare.add("(open nowhere)", "(= (battery nobody) 3)", "kenny - robot", "(> (cost) 3)")
     assert facts(bare) == ["(open nowhere)"]
 
 
 @pytest.mark.parametrize(("first", "second"), [("(open a)", "(open a b)"), ("(= (f a) 1)", "(= (f) 1)")])
 def test_without_a_domain_a_symbol_keeps_the_arity_of_its_first_use(bare, first, second):
-    """D2: also after what was told has been removed."""
+    """D2: also after its facts have been removed."""
     bare.add(first)
     with pytest.raises(kbstore.InvalidKnowledge):
         bare.add(second)
@@ -498,7 +498,7 @@ def test_without_a_domain_a_symbol_keeps_the_arity_of_its_first_use(bare, first,
 
 @pytest.mark.parametrize("name", ["and", "NOT", "or", "imply", "exists", "forall", "=", ">", "increase", "minimize"])
 def test_without_a_domain_a_predicate_is_not_named_like_a_word_of_pddl(bare, name):
-    """D3: what is stored can be read back from its text; `(and a)` would be something else."""
+    """D3: stored items can be read back from their text; `(and a)` would be something else."""
     for use in (bare.add, bare.add_goal):
         with pytest.raises(kbstore.InvalidKnowledge, match="another name"):
             use(Fact(attribute_name=name, values=["a", "b"]))
@@ -507,13 +507,13 @@ def test_without_a_domain_a_predicate_is_not_named_like_a_word_of_pddl(bare, nam
 
 @pytest.mark.parametrize("name", ["+", "*", "/"])
 def test_without_a_domain_a_function_is_not_named_like_an_operator(bare, name):
-    """D3: as predicates are not."""
+    """D3: as for predicates."""
     with pytest.raises(kbstore.InvalidKnowledge, match="another name"):
         bare.add(Function(attribute_name=name, values=["a"], function_value=1))
 
 
 @pytest.mark.parametrize("text", ["(at a b)", "(over a)", "(when a b)", "(within a)", "(3d a)", "(= (total-cost) 0)"])
-def test_without_a_domain_what_can_be_read_back_is_accepted(bare, text):
+def test_without_a_domain_names_that_read_back_are_accepted(bare, text):
     """D3: also where PDDL uses the word elsewhere."""
     bare.add(text)
     assert texts((*bare.state().facts, *bare.state().functions)) == [text]
@@ -522,7 +522,7 @@ def test_without_a_domain_what_can_be_read_back_is_accepted(bare, text):
 
 @pytest.mark.parametrize("first", ["(> (f a) 3)", "minimize (f a)"])
 def test_without_a_domain_a_formula_may_be_a_symbols_first_use(bare, first):
-    """D2: what is kept and reads f with one argument is a use of it."""
+    """D2: a recorded formula that reads f with one argument is a use of it."""
     bare.add(first)
     with pytest.raises(kbstore.InvalidKnowledge, match="first used with 1 argument"):
         bare.add("(= (f a b) 3)")
@@ -534,7 +534,7 @@ def test_without_a_domain_a_formula_may_be_a_symbols_first_use(bare, first):
 
 
 def test_without_a_domain_questions_about_numbers_use_labels(bare):
-    """D2: those of the first use, in any order."""
+    """D2: the labels of the first use, in any order."""
     bare.add(Function(attribute_name="f", values={"x": "a", "y": "b"}, function_value=1))
     bare.add(Function(attribute_name="f", values={"x": "b", "y": "a"}, function_value=2))
     assert bare.value(Function(attribute_name="f", values={"y": "b", "x": "a"})) == 1
@@ -545,7 +545,7 @@ def test_without_a_domain_questions_about_numbers_use_labels(bare):
 
 
 def test_without_a_domain_a_symbol_keeps_the_labels_of_its_first_use(bare):
-    """D2: in their order."""
+    """D2: in the order of the first use."""
     bare.add(near(who="kenny", p="wp0"))
     bare.add(near(p="wp1", who="kenny"))
     assert facts(bare) == ["(near kenny wp0)", "(near kenny wp1)"]
@@ -554,7 +554,7 @@ def test_without_a_domain_a_symbol_keeps_the_labels_of_its_first_use(bare):
 
 
 def test_without_a_domain_a_question_asked_again_uses_labels_learned_since(bare):
-    """D2: the same item asks about other arguments once labels, and with them their order, are known."""
+    """D2: once labels and their order are known, the same item asks about other arguments."""
     bare.add("(near wp0 kenny)", "(= (distance wp0 wp1) 1)", "(= (distance wp1 wp0) 2)")
     fact = near(who="wp0", p="kenny")
     function = Function(attribute_name="distance", values={"to": "wp0", "from": "wp1"})
@@ -580,7 +580,7 @@ def test_without_a_domain_a_name_means_the_predicate_once_there_is_one(bare):
 
 
 def test_names_are_compared_without_case_and_shown_as_first_written(kb):
-    """D3: objects, predicates, functions, types."""
+    """D3: for objects, predicates, functions and types."""
     kb.add("Box - ITEM", "(TAGGED bOX)", "(= (Battery KENNY) 3)")
     assert kb.add("(tagged box)", "box - item", "(= (battery kenny) 3)").changes == 0
     assert "Box - item" in [str(found).replace("ITEM", "item") for found in kb.state().instances]
@@ -617,7 +617,7 @@ def test_a_formula_in_another_case_is_the_same(kb, clock, add, first, again):
 
 
 def test_a_type_in_another_case_is_the_same_without_a_domain(bare, clock):
-    """D3, C2: whether it stands, is scheduled, or is told again after a removal."""
+    """D3, C2: for a current, a scheduled, and a removed and added object."""
     later = START + 100
     bare.add("wp0 - Place")
     bare.add("wp1 - Place", initial_time=later)
@@ -632,15 +632,15 @@ def test_a_type_in_another_case_is_the_same_without_a_domain(bare, clock):
 
 
 def test_case_is_that_of_str_lower(bare):
-    """D3: names of other scripts compare by `str.lower()`."""
+    """D3: names of other scripts are compared by `str.lower()`."""
     bare.add("(öffnet ÄTNA)")
     assert bare.holds("(ÖFFNET ätna)")
     assert bare.add("(Öffnet Ätna)").changes == 0
 
 
 @pytest.mark.parametrize("name", ["a", "A-b_3", "9lives", "dock/2", "room.7", "ns:kenny", "廊下", "a" * 255])
-def test_what_message_based_clients_send_is_accepted(kb, name):
-    """D3: where PDDL text can still be read back."""
+def test_names_of_message_based_clients_are_accepted(kb, name):
+    """D3: as far as the PDDL text can be read back."""
     kb.add(Instance(instance_name=name, instance_type="place"), Fact(attribute_name="open", values=[name]))
     assert facts(kb) == [f"(open {name})"]
     assert kb.holds(f"(open {name})")
@@ -653,7 +653,7 @@ LARGER = DOMAIN.replace("(raining)", "(raining) (dusty ?p - place)").replace("do
 
 
 def test_loading_a_domain_is_a_transaction(open_kb, clock):
-    """D4: the state at t is read against the domain at t."""
+    """D4: the state at t is read with the domain at t."""
     kb = open_kb()
     first = kb.load(DOMAIN)
     kb.add(*OBJECTS)
@@ -670,7 +670,7 @@ def test_loading_a_domain_is_a_transaction(open_kb, clock):
 
 
 def test_marking_a_predicate_as_sensed_is_a_transaction(kb, clock):
-    """D4: and the mark has a time."""
+    """D4: and has a time."""
     latest = kb.add("(raining)")
     clock.set(START + 10)
     marked = kb.set_sensed("open", True)
@@ -693,8 +693,8 @@ def test_marking_a_predicate_as_sensed_is_a_transaction(kb, clock):
         ("goal", {}),
     ],
 )
-def test_a_domain_under_which_something_would_be_invalid_is_refused(kb, knowledge, options):
-    """D4: what stands, what is scheduled, goals."""
+def test_a_domain_that_invalidates_an_item_is_refused(kb, knowledge, options):
+    """D4: current and scheduled items and goals are checked."""
     (kb.add_goal("(raining)") if knowledge == "goal" else kb.add(knowledge, **options))
     before = picture(kb)
     with pytest.raises(kbstore.InvalidKnowledge, match="raining"):
@@ -706,8 +706,8 @@ def test_a_domain_under_which_something_would_be_invalid_is_refused(kb, knowledg
         kb.add("(raining)")
 
 
-def test_a_metric_or_function_or_type_that_a_domain_lacks_is_refused(kb):
-    """D4: the list names each."""
+def test_a_domain_without_a_used_metric_function_or_type_is_refused(kb):
+    """D4: the error names each."""
     kb.add("(= (battery kenny) 3)", "(> (battery kenny) 2)", "minimize (battery kenny)")
     with pytest.raises(kbstore.InvalidKnowledge) as refusal:
         kb.load(DOMAIN.replace("(battery ?r - robot)", ""))
@@ -720,7 +720,7 @@ def test_a_metric_or_function_or_type_that_a_domain_lacks_is_refused(kb):
 
 
 def test_a_constant_with_the_name_of_an_object_is_refused(kb):
-    """D4: there would be two."""
+    """D4: two objects would have one name."""
     with pytest.raises(kbstore.InvalidKnowledge, match="wp0"):
         kb.load(DOMAIN.replace("home - place", "home wp0 - place"))
     kb.remove("wp0")
@@ -760,8 +760,8 @@ def test_an_inequality_message_is_checked_like_text(kb):
 
 
 @pytest.mark.parametrize("name", ["", "  ", "a\nb", "a\x00b", "\ud800", None, 7])
-def test_a_knowledge_base_has_a_name_that_can_be_shown(open_kb, store_url, name):
-    """Whatever else is accepted (spaces, brackets, other scripts), and nothing is made under it."""
+def test_the_name_of_a_knowledge_base_must_be_printable(open_kb, store_url, name):
+    """Spaces, brackets and other scripts are accepted; for a name that is refused, nothing is created."""
     with pytest.raises(kbstore.InvalidKnowledge, match="give printable text"):
         kbstore.open(store_url, name)
     odd = open_kb(f"Küche (2. Stock), {name!r}")
@@ -772,7 +772,7 @@ def test_a_knowledge_base_has_a_name_that_can_be_shown(open_kb, store_url, name)
 @pytest.mark.parametrize("character", ["\0", "\ud800"], ids=["NUL", "half a surrogate"])
 @pytest.mark.parametrize("field", ["client", "note"])
 def test_a_client_and_a_note_can_be_exported(kb, field, character):
-    """D3: a client or a note with a character that no export gives back is refused, and nothing is stored."""
+    """D3: a client or a note with a character that no export can write is refused, and nothing is stored."""
     with pytest.raises(kbstore.InvalidKnowledge, match=f"the {field} 'two words' goes on with"):
         kb.add("(open hall)", **{field: f"two words{character}"})
     assert not kb.holds("(open hall)")
@@ -781,7 +781,7 @@ def test_a_client_and_a_note_can_be_exported(kb, field, character):
 
 @pytest.mark.parametrize("character", ["\0", "\ud800"], ids=["NUL", "half a surrogate"])
 def test_a_comment_of_a_domain_can_be_exported(bare, character):
-    """D3: the text of a domain is stored whole, so that a character that cannot be is refused with its place."""
+    """D3: the text of a domain is stored whole; a character that cannot be exported is refused with its position."""
     with pytest.raises(kbstore.PddlSyntaxError, match="cannot be stored") as refused:
         bare.load(f"(define (domain d)\n  ; a{character}b\n  (:predicates (p)))")
     assert (refused.value.line, refused.value.column) == (2, 6)

@@ -1,4 +1,4 @@
-"""Following a knowledge base, or a condition, as it happens (rules Q6, Q9), and samples of what has been."""
+"""Watching a knowledge base or a condition as it changes (rules Q6, Q9), and samples of a past expression."""
 
 import threading
 import time
@@ -12,25 +12,25 @@ from tests.conftest import START
 
 
 def test_a_watch_begins_when_it_is_called(kb):
-    """Q6: what is told between the call and the first look is not missed."""
+    """Q6: a change between the call and the first poll is not missed."""
     watch = kb.watch(timeout=0.0)
-    told = kb.add("(raining)")
-    assert [change.number for change in watch] == [told.number]
-    assert isinstance(told, kbstore.Transaction)
+    added = kb.add("(raining)")
+    assert [change.number for change in watch] == [added.number]
+    assert isinstance(added, kbstore.Transaction)
 
 
 def test_a_watched_pattern_does_not_match_goals(kb):
-    """Q6: a goal of the same shape is not a change of the state."""
+    """Q6: a goal of the same form is not a change of the state."""
     watch = kb.watch("(open ?)", timeout=0.0)
     kb.add_goal("(open wp0)")
-    told = kb.add("(open wp1)")
+    added = kb.add("(open wp1)")
     assert [(change.number, [str(found.item) for found in change.asserted]) for change in watch] == [
-        (told.number, ["(open wp1)"])
+        (added.number, ["(open wp1)"])
     ]
 
 
 def test_a_watched_pattern_matches_what_is_superseded(kb, clock):
-    """Q6, L8: late knowledge that only supersedes is a change, and what it supersedes is matched like the rest."""
+    """Q6, L8: late knowledge that only supersedes is a change, and superseded assertions are matched like others."""
     began = clock.now()
     kb.add("(open wp0)", "(clean hall)", "(clean galley)")
     clock.advance(seconds(10))
@@ -73,7 +73,7 @@ def test_a_pattern_that_nothing_matches_is_refused_at_the_call(kb, pattern):
 
 
 def test_the_timeout_counts_what_matches(kb):
-    """Q6: a watch for something else ends, however much is written meanwhile."""
+    """Q6: a watch of another pattern ends in time, however much is written meanwhile."""
     stop = threading.Event()
 
     def write():
@@ -92,17 +92,17 @@ def test_the_timeout_counts_what_matches(kb):
         thread.join()
 
 
-def test_what_is_there_already_comes_before_the_timeout(kb):
-    """Q6: also where it takes several looks to reach it."""
+def test_past_changes_come_before_the_timeout(kb):
+    """Q6: also where it takes several polls to reach them."""
     with_many = [kb.add(f"(= (cost) {number})").number for number in range(300)]
-    told = kb.add("(open wp0)")
-    assert [change.number for change in kb.watch("(open ?)", after=0, timeout=0)] == [told.number]
-    assert [change.number for change in kb.watch(after=2, timeout=0)] == [*with_many, told.number]
+    added = kb.add("(open wp0)")
+    assert [change.number for change in kb.watch("(open ?)", after=0, timeout=0)] == [added.number]
+    assert [change.number for change in kb.watch(after=2, timeout=0)] == [*with_many, added.number]
 
 
 @pytest.mark.parametrize("way", ["watch", "condition", "knowledge base", "wait"])
 def test_watching_is_ended_from_another_thread(open_kb, way):
-    """Q6, Q9: by close() of what was returned, or of the knowledge base; quietly, and at once."""
+    """Q6, Q9: by close() of the watch or of the knowledge base; without an error, and at once."""
     kb = open_kb()
     kb.load("(define (domain d) (:predicates (p)))")
     watch = kb.watch_condition("(p)") if way == "condition" else kb.watch("(p)")
@@ -124,7 +124,7 @@ def test_watching_is_ended_from_another_thread(open_kb, way):
 
 
 def test_closing_ends_a_watch_before_it_is_used(kb):
-    """Q6: and twice is once."""
+    """Q6: `close` may be called twice."""
     watch = kb.watch(after=0)
     assert next(watch).number == 1
     watch.close()
@@ -136,7 +136,7 @@ def test_closing_ends_a_watch_before_it_is_used(kb):
 
 
 def test_a_condition_is_followed(kb, clock):
-    """Q9: its truth now, and each change of it with its time and transaction."""
+    """Q9: its truth now, and each change of it with time and transaction."""
     watch = kb.watch_condition("(and (raining) (open wp0))", timeout=0)
     clock.advance(seconds(1))
     kb.add("(raining)")
@@ -152,7 +152,7 @@ def test_a_condition_is_followed(kb, clock):
     ]
 
 
-def test_what_the_clock_does_has_no_transaction(kb, clock):
+def test_a_change_by_the_clock_has_no_transaction(kb, clock):
     """Q9: schedules and ends of objects; also where something else is written at that time."""
     watch = kb.watch_condition("(exists (?p - place) (open ?p))", timeout=0)
     kb.add("(open wp0)", initial_time=START + seconds(5))
@@ -168,7 +168,7 @@ def test_what_the_clock_does_has_no_transaction(kb, clock):
 
 
 def test_a_crossing_is_exact(kb, clock):
-    """Q9, Q4: a number that moves crosses a limit at a nanosecond, whenever somebody looks."""
+    """Q9, Q4: a moving number crosses a limit at a nanosecond, at whatever times it is polled."""
     kb.add("(= (battery kenny) 90)")
     kb.add("(decrease (battery kenny) (* #t 3))")
     watch = kb.watch_condition("(< (battery kenny) 20)", timeout=0)
@@ -179,7 +179,7 @@ def test_a_crossing_is_exact(kb, clock):
 
 
 def test_several_changes_at_one_time_are_one(kb):
-    """Q9: what was true in between, at the same time, was never so."""
+    """Q9: a value that was true only between two changes at one time is not reported."""
     watch = kb.watch_condition("(raining)", timeout=0)
     kb.add("(raining)")
     kb.remove("(raining)")
@@ -187,20 +187,20 @@ def test_several_changes_at_one_time_are_one(kb):
     assert list(watch) == [(START, Truth.FALSE, None), (START, Truth.TRUE, last)]
 
 
-def test_a_change_at_the_time_of_the_last_look(kb):
-    """Q9: a later transaction of the same time is not missed, and the cause is the one that made it so."""
+def test_a_change_at_the_time_of_the_last_poll(kb):
+    """Q9: a later transaction at the same time is not missed, and the cause is the transaction that decided."""
     watch = kb.watch_condition("(raining)", timeout=5, poll=0.01)
     assert next(watch) == (START, Truth.FALSE, None)
-    told = kb.add("(raining)")
+    added = kb.add("(raining)")
     kb.add("(open wp1)")
-    assert next(watch) == (START, Truth.TRUE, told)
+    assert next(watch) == (START, Truth.TRUE, added)
     gone = kb.remove("(raining)")
     assert next(watch) == (START, Truth.FALSE, gone)
 
 
 @pytest.mark.parametrize("often", [True, False])
 def test_late_knowledge_is_seen_at_the_time_of_its_transaction(kb, clock, often):
-    """L7, Q9: nobody knew before; whenever somebody looks, and however many transactions lie between two looks."""
+    """L7, Q9: not earlier; at any time of polling, and with any number of transactions between two polls."""
     watch = kb.watch_condition("(raining)", timeout=0)
 
     def at(t):
@@ -212,7 +212,7 @@ def test_late_knowledge_is_seen_at_the_time_of_its_transaction(kb, clock, often)
             watch._look()  # as a reader that polls does
 
     at(5)
-    told = kb.add("(raining)", since=START + seconds(2))
+    added = kb.add("(raining)", since=START + seconds(2))
     look()
     at(8)
     gone = kb.remove("(raining)", since=START + seconds(3))
@@ -226,15 +226,15 @@ def test_late_knowledge_is_seen_at_the_time_of_its_transaction(kb, clock, often)
     look()
     assert list(watch) == [
         (START, Truth.FALSE, None),
-        (START + seconds(5), Truth.TRUE, told),
+        (START + seconds(5), Truth.TRUE, added),
         (START + seconds(8), Truth.FALSE, gone),
         (START + seconds(12), Truth.TRUE, None),
         (START + seconds(14), Truth.FALSE, late),
     ]
 
 
-def test_unknown_is_a_truth_of_its_own(open_kb):
-    """Q9, V2: with unknowns there are three."""
+def test_unknown_is_a_truth_value(open_kb):
+    """Q9, V2: with unknowns there are three truth values."""
     kb = open_kb(use_unknowns=True)
     kb.load("(define (domain d) (:predicates (p)))")
     watch = kb.watch_condition("(p)", timeout=0)
@@ -248,7 +248,7 @@ def test_unknown_is_a_truth_of_its_own(open_kb):
 
 
 def test_expected_ends_are_not_changes(open_kb, clock):
-    """Q9: what a run will do is done when it ends."""
+    """Q9: the effects of a run count when it ends."""
     kb = open_kb()
     kb.load(
         """(define (domain d) (:predicates (done))
@@ -268,7 +268,7 @@ def test_expected_ends_are_not_changes(open_kb, clock):
 
 
 def test_a_condition_is_checked_at_the_call(kb):
-    """Q9, V8, V10: it is refused where it is given."""
+    """Q9, V8, V10: it is refused by the call itself."""
     for wrong in ("(rainign)", "(> (battery ?) 3)", "(= (battery kenny)", "(open wp0 wp1)"):
         with pytest.raises(KbStoreError):
             kb.watch_condition(wrong)
@@ -276,8 +276,8 @@ def test_a_condition_is_checked_at_the_call(kb):
             kb.wait_for(wrong, timeout=0)
 
 
-def test_a_condition_that_cannot_be_answered_any_more_is_an_error(open_kb, clock):
-    """Q9: a domain without its predicate."""
+def test_a_condition_that_becomes_invalid_is_an_error(open_kb, clock):
+    """Q9: for example a domain without its predicate."""
     kb = open_kb()
     kb.load("(define (domain d) (:predicates (p) (q)))")
     watch = kb.watch_condition("(p)", timeout=1)
@@ -289,7 +289,7 @@ def test_a_condition_that_cannot_be_answered_any_more_is_an_error(open_kb, clock
 
 
 def test_waiting_for_a_condition(kb, clock):
-    """Q9: it ends at the first moment at which it is true, or after the time-out."""
+    """Q9: it returns the first time at which the condition is true, or ends after the timeout."""
     assert kb.wait_for("(raining)", timeout=0) is None
     begin = time.monotonic()
     assert kb.wait_for("(raining)", timeout=0.2) is None
@@ -304,23 +304,23 @@ def test_waiting_for_a_condition(kb, clock):
     assert kb.wait_for("(open wp0)", timeout=0) == START + seconds(13)
 
 
-def test_waiting_for_what_another_thread_writes(kb, clock):
+def test_waiting_for_a_write_of_another_thread(kb, clock):
     """Q9: the writer need not know of it."""
     found = []
     thread = threading.Thread(target=lambda: found.append(kb.wait_for("(raining)", timeout=20, poll=0.01)))
     thread.start()
     time.sleep(0.05)
     clock.advance(seconds(4))
-    told = kb.add("(raining)")
+    added = kb.add("(raining)")
     thread.join()
-    assert found == [told.time]
+    assert found == [added.time]
 
 
 # -- samples ------------------------------------------------------------------------------------------------------
 
 
 def test_samples_of_an_expression(kb, clock):
-    """C7, V5: the value at each step; None where it has none."""
+    """C7, V5: the value at each step; None where it is undefined."""
     clock.advance(seconds(2))
     kb.add("(= (battery kenny) 90)")
     kb.add("(decrease (battery kenny) (* #t 3))")
@@ -346,8 +346,8 @@ def test_samples_of_an_expression(kb, clock):
     assert kb.sample("(battery kenny)", START, START, 1) == []
 
 
-def test_samples_are_refused(kb):
-    """T2, V8: a step of 0, times in the wrong order, and what is not known."""
+def test_invalid_samples_are_refused(kb):
+    """T2, V8: a step of 0, times in the wrong order, and unknown symbols."""
     for expression, since, until, step, kind in (
         ("(cost)", START, START + 5, 0, InvalidTime),
         ("(cost)", START + 5, START, 1, InvalidTime),
