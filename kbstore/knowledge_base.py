@@ -19,7 +19,6 @@ from kbstore.clock import Clock, DurationLike, ManualClock, SystemClock, TimeLik
 from kbstore.conversion import MessageDomain
 from kbstore.errors import Conflict, InvalidKnowledge, InvalidTime, StoreUnavailable, UnknownSymbol
 from kbstore.evaluation.intervals import Intervals
-from kbstore.evaluation.snapshot import StateRow
 from kbstore.interop.up_loading import PlanningProblem
 from kbstore.messages import (
     Condition,
@@ -48,18 +47,18 @@ from kbstore.model.results import (
     Run,
     Transaction,
 )
-from kbstore.model.timelines import Role
+from kbstore.model.timelines import Role, StateRow
 from kbstore.names import key
 from kbstore.pddl.strict_names import StrictPddl, strict_domain
 from kbstore.pddl.writer import write_domain
 from kbstore.reading.answers import Answers, Computed
 from kbstore.reading.beliefs import Belief, beliefs
+from kbstore.reading.bindings import bindings
 from kbstore.reading.condition_watch import ConditionWatch, TruthChange
 from kbstore.reading.difference import difference
-from kbstore.reading.explanation import Explainer, Moment
+from kbstore.reading.explanation import ExplainedPoint, Explainer
 from kbstore.reading.history import History
 from kbstore.reading.lazy_state import LazyState
-from kbstore.reading.query import bindings
 from kbstore.reading.questions import Knowledge, Question
 from kbstore.reading.reader import Reader
 from kbstore.reading.resolver import MAX_STEP, TOLERANCE, TemporalPoint
@@ -826,7 +825,7 @@ class KnowledgeBase:
             whole.append(self._reader.state(repository, point))
             return whole[-1]
 
-        found = applicability(Moment(self._explainer, world), read_state, operator, arguments, duration)
+        found = applicability(ExplainedPoint(self._explainer, world), read_state, operator, arguments, duration)
         until = point.valid_time
         # what fails by the action's own effects does so since the time that is asked about
         since_then = any(condition.since == point.valid_time for condition in found.failing)

@@ -8,6 +8,7 @@ import re
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
 from rich.console import Console, RenderableType
 from rich.progress import BarColumn, TaskProgressColumn, TextColumn, TimeElapsedColumn
@@ -16,8 +17,8 @@ from rich.progress import Progress as Bar
 from kbstore.model.plain import plain
 from kbstore.report.tables import show
 
-Progress = Callable[[int, int], None]
-"""A progress callback: how much is done, and of how much."""
+if TYPE_CHECKING:
+    from kbstore.transfer.rows import Progress
 
 _NOT_SHOWN = re.compile(r"[^\n -~]")
 """Characters that may not be printable; JSON itself has escaped the other control characters."""
@@ -70,7 +71,7 @@ def _dumps(found: object, indent: int | None = None) -> str:
 
 
 @contextmanager
-def working(what: str) -> Iterator[Progress]:
+def working(what: str) -> Iterator["Progress"]:
     """Show a progress bar on a terminal, and yield its progress callback."""
     columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
     shown = Console(stderr=True)

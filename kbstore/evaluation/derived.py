@@ -12,7 +12,7 @@ from math import prod
 from kbstore.evaluation.interpretation import Interpretation
 from kbstore.evaluation.joins import Guard, Relation, assignments, guards, is_variable
 from kbstore.evaluation.rules import Clause, program
-from kbstore.evaluation.substitution import Bindings, Pattern, pattern
+from kbstore.evaluation.substitution import ArgumentPattern, Bindings, pattern
 from kbstore.messages.enums import Truth
 from kbstore.model.formulas import Atom, Formula, Types
 from kbstore.names import is_wildcard, key
@@ -45,7 +45,7 @@ class Derived:
         self._known: dict[str, tuple[Relation, Relation]] = {}
         self._running: dict[str, Relation] = {}
 
-    def truth(self, name: str, wanted: Pattern) -> Truth:
+    def truth(self, name: str, wanted: ArgumentPattern) -> Truth:
         """Return the truth of a derived atom; it is absent if one of its objects does not exist (rule V8)."""
         certain, possible = self.relations(name)
         if any(True for _ in certain.matching(wanted)):
@@ -66,11 +66,11 @@ class Derived:
                     self._derive(stratum)
         return self._known[name]
 
-    def exist(self, wanted: Pattern) -> bool:
+    def exist(self, wanted: ArgumentPattern) -> bool:
         """Return whether the objects that a pattern names exist."""
         return all(self._world.type_of(name) is not None for name in wanted if name is not None)
 
-    def _matches_some(self, name: str, wanted: Pattern) -> bool:
+    def _matches_some(self, name: str, wanted: ArgumentPattern) -> bool:
         """Return whether there are objects for all wildcards of a pattern."""
         ranges = self._program.ranges[name]
         return all(self._objects(types) for types, value in zip(ranges, wanted, strict=True) if value is None)

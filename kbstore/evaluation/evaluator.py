@@ -9,7 +9,7 @@ from kbstore.evaluation import comparisons
 from kbstore.evaluation.derived import Derived
 from kbstore.evaluation.interpretation import Arguments, IndexedInterpretation, Interpretation
 from kbstore.evaluation.joins import Guard, IndexedRelation, ObjectsOfTypes, Relation, assignments, guards
-from kbstore.evaluation.substitution import Bindings, Pattern, keyed, pattern, term
+from kbstore.evaluation.substitution import ArgumentPattern, Bindings, keyed, pattern, term
 from kbstore.evaluation.wellformed import check
 from kbstore.messages.enums import Truth
 from kbstore.model.domain import Signature
@@ -181,7 +181,7 @@ class Evaluation:
             return Truth.FALSE
         return Truth.FALSE if self._all_denied(atom, wanted) else Truth.UNKNOWN
 
-    def _all_denied(self, atom: Atom, wanted: Pattern) -> bool:
+    def _all_denied(self, atom: Atom, wanted: ArgumentPattern) -> bool:
         """Return whether a pattern is explicitly false for all objects that it matches.
 
         Without a domain it never is, as nobody knows all objects.
@@ -193,7 +193,7 @@ class Evaluation:
         denied = self._signed(key(atom.name), False).matching(wanted)
         return combinations == sum(self._fits(atom, wanted, row) for row in denied)
 
-    def _fits(self, atom: Atom, wanted: Pattern, row: Arguments) -> bool:
+    def _fits(self, atom: Atom, wanted: ArgumentPattern, row: Arguments) -> bool:
         """Return whether the objects of a row for wildcards exist and are of the parameters' types."""
         domain = self.world.domain
         if domain is None:
@@ -239,7 +239,7 @@ class Evaluation:
             yield atom, rows
 
 
-def wild_types(wanted: Pattern, signature: Signature | None) -> list[Types]:
+def wild_types(wanted: ArgumentPattern, signature: Signature | None) -> list[Types]:
     """Return the types of the parameters for which a pattern has wildcards; ``object`` where none is declared."""
     declared = [tuple(map(key, p.types)) for p in signature.parameters] if signature else []
     declared += [("object",)] * (len(wanted) - len(declared))

@@ -8,7 +8,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from sys import maxsize
 
 from kbstore.evaluation.interpretation import Arguments, IndexedInterpretation
-from kbstore.evaluation.substitution import Bindings, Pattern, pattern
+from kbstore.evaluation.substitution import ArgumentPattern, Bindings, pattern
 from kbstore.model.formulas import (
     And,
     Atom,
@@ -53,7 +53,7 @@ class Relation:
             if positions[-1] < len(row):
                 index.setdefault(tuple([row[i] for i in positions]), []).append(row)
 
-    def matching(self, wanted: Pattern) -> Iterator[Arguments]:
+    def matching(self, wanted: ArgumentPattern) -> Iterator[Arguments]:
         """The rows that have the values of the pattern, where it has any."""
         positions = tuple([i for i, value in enumerate(wanted) if value is not None])
         if len(positions) == len(wanted):
@@ -93,7 +93,7 @@ class IndexedRelation(Relation):
         self._world = world
         self._name = name
         self._sign = sign
-        self._found: dict[Pattern, list[Arguments]] = {}
+        self._found: dict[ArgumentPattern, list[Arguments]] = {}
         self._is_read = False
 
     def __contains__(self, row: Arguments) -> bool:
@@ -112,7 +112,7 @@ class IndexedRelation(Relation):
         """The number of rows; as large as can be while they have not been read."""
         return len(self._rows) if self._is_read else maxsize
 
-    def matching(self, wanted: Pattern) -> Iterator[Arguments]:
+    def matching(self, wanted: ArgumentPattern) -> Iterator[Arguments]:
         """The rows that have the values of the pattern, where it has any."""
         if not self._is_read and any(value is not None for value in wanted):
             found = self._found.get(wanted)

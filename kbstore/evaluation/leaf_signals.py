@@ -9,7 +9,7 @@ from kbstore.evaluation.evaluator import wild_types
 from kbstore.evaluation.interpretation import Span, Trajectory
 from kbstore.evaluation.joins import Relation
 from kbstore.evaluation.signals import Signal
-from kbstore.evaluation.substitution import Bindings, Pattern, pattern
+from kbstore.evaluation.substitution import ArgumentPattern, Bindings, pattern
 from kbstore.messages.enums import Truth
 from kbstore.model.formulas import Atom, Comparison, Types
 from kbstore.names import key
@@ -81,12 +81,12 @@ class LeafSignals:
         """The objects of some types that exist somewhere in the span, with their lifespans."""
         return self._trajectory.lifespans(types)
 
-    def wild_ranges(self, name: str, wanted: Pattern) -> list[Types]:
+    def wild_ranges(self, name: str, wanted: ArgumentPattern) -> list[Types]:
         """The types of a predicate's parameters for which a pattern has wildcards."""
         domain = self._trajectory.domain
         return wild_types(wanted, domain.predicate_signatures.get(name) if domain else None)
 
-    def _wild_fact(self, name: str, wanted: Pattern) -> Signal:
+    def _wild_fact(self, name: str, wanted: ArgumentPattern) -> Signal:
         """Return the signal that is true while the fact is asserted for some objects that match.
 
         In an open world it is false only while it is explicitly false for all of them, which takes a domain to know.
@@ -100,7 +100,7 @@ class LeafSignals:
             [*asserted, signals.false_else_unknown(self._all_denied(denied, self.wild_ranges(name, wanted)))]
         )
 
-    def _matching(self, name: str, wanted: Pattern, sign: bool) -> Iterator[Signal]:
+    def _matching(self, name: str, wanted: ArgumentPattern, sign: bool) -> Iterator[Signal]:
         """Yield, for each row that matches, the signal of its sign while the objects for the wildcards exist."""
         known = self._trajectory.all_signs(name)
         if name not in self._relations:

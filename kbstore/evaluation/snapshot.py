@@ -7,10 +7,8 @@ from functools import cached_property
 from kbstore.evaluation.interpretation import Arguments, Number
 from kbstore.messages import KnowledgeType
 from kbstore.model.domain import ROOT_TYPE, Domain
-from kbstore.model.timelines import Role, Timeline, Value, atom_key
+from kbstore.model.timelines import Role, StateRow, atom_key
 from kbstore.names import key
-
-StateRow = tuple[Timeline, int, Value]
 
 
 class Snapshot:

@@ -9,7 +9,7 @@ from kbstore.names import is_wildcard, key
 Bindings = Mapping[str, str]
 """The object of each variable, both as keys; variables without their question mark."""
 
-Pattern = tuple[str | None, ...]
+ArgumentPattern = tuple[str | None, ...]
 """Arguments as keys; None stands for any object (rule V7)."""
 
 
@@ -23,7 +23,7 @@ def term(argument: str, bindings: Bindings) -> str | None:
     return bindings.get(key(argument[1:])) if is_wildcard(argument) else key(argument)
 
 
-def pattern(atom: Atom, bindings: Bindings) -> Pattern:
+def pattern(atom: Atom, bindings: Bindings) -> ArgumentPattern:
     """Return the arguments of an atom as keys, with None for those that match any object."""
     return tuple(term(argument, bindings) for argument in atom.arguments)
 

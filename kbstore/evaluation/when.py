@@ -14,7 +14,7 @@ from kbstore.evaluation.joins import Guard, Relation, assignments, guards, is_va
 from kbstore.evaluation.leaf_signals import LeafSignals
 from kbstore.evaluation.rules import program
 from kbstore.evaluation.signals import Signal
-from kbstore.evaluation.substitution import Bindings, Pattern, keyed, pattern, term
+from kbstore.evaluation.substitution import ArgumentPattern, Bindings, keyed, pattern, term
 from kbstore.evaluation.trajectory_views import CachedTrajectory, TrajectoryAt
 from kbstore.evaluation.wellformed import check
 from kbstore.messages.enums import Truth
@@ -156,7 +156,7 @@ class SignalEvaluator:
 
     # -- derived predicates -----------------------------------------------------------------------------------
 
-    def _derived_atom(self, name: str, wanted: Pattern) -> Signal:
+    def _derived_atom(self, name: str, wanted: ArgumentPattern) -> Signal:
         """Return the signal of a derived atom; it is absent while one of its objects does not exist (rule V8)."""
         signal_of = self._derived_signals(name)
         found = [signal_of[row] for row in self._rows[name].matching(wanted)]

@@ -8,9 +8,9 @@ from kbstore.errors import InvalidKnowledge
 from kbstore.interop.up_formulas import NOTHING, FormulaTranslator, UpVariables
 from kbstore.interop.up_symbols import quantified
 from kbstore.model.domain import Domain
-from kbstore.model.formulas import Formula, Parameter
+from kbstore.model.formulas import Formula, Parameter, Variables
 from kbstore.pddl.conditions import ConditionReader
-from kbstore.pddl.scope import NO_VARIABLES, Scope, Variables
+from kbstore.pddl.scope import NO_VARIABLES, Scope
 from kbstore.pddl.sexpr import Group, SourceText, node_text
 from kbstore.pddl.typed_lists import bound
 

@@ -12,7 +12,7 @@ INEQUALITY   ``(is_negative, comparison, left side, right side, grounded)``
 ===========  ===============================================================
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from enum import IntEnum
 from hashlib import sha256
 from typing import Any, NamedTuple
@@ -112,6 +112,13 @@ class Timeline:
 
     def __repr__(self) -> str:
         return f"Timeline({self.id}, {self.role.name}, {self.kind.name}, {self.spelling!r})"
+
+
+StateRow = tuple[Timeline, int, Value]
+"""An assertion that holds or is scheduled: its timeline, its initial time in nanoseconds, and its value."""
+
+Mentions = Callable[[Timeline, Value], Sequence[str]]
+"""A function that returns the keys of the objects that an assertion mentions."""
 
 
 _ROLES = tuple(Role)

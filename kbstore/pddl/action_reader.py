@@ -6,13 +6,13 @@ from dataclasses import dataclass
 from kbstore.messages import ComparisonType, SpecialType
 from kbstore.model.actions import Action, DurationConstraint
 from kbstore.model.domain import Event
-from kbstore.model.formulas import Parameter, Timing, changed_by
+from kbstore.model.formulas import Parameter, Timing, Variables, changed_by
 from kbstore.names import key
 from kbstore.pddl.conditions import COMPARISONS, ConditionReader, conjuncts
 from kbstore.pddl.definition import check_name, unknown_keyword
 from kbstore.pddl.effects import EffectReader
 from kbstore.pddl.expressions import read_expression
-from kbstore.pddl.scope import NO_VARIABLES, Scope, Variables
+from kbstore.pddl.scope import NO_VARIABLES, Scope
 from kbstore.pddl.sexpr import Group, node_text
 from kbstore.pddl.timed_formulas import TimedReader
 from kbstore.pddl.typed_lists import bound, read_parameters

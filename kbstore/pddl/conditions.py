@@ -20,10 +20,11 @@ from kbstore.model.formulas import (
     Preference,
     Same,
     Truism,
+    Variables,
 )
 from kbstore.names import is_wildcard
 from kbstore.pddl.expressions import ANY_SPECIAL, is_number, read_expression, read_function
-from kbstore.pddl.scope import NO_VARIABLES, Scope, Variables
+from kbstore.pddl.scope import NO_VARIABLES, Scope
 from kbstore.pddl.sexpr import Group, node_text
 from kbstore.pddl.typed_lists import bound, read_parameters
 

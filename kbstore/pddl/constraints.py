@@ -3,9 +3,10 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from kbstore.model.formulas import Variables
 from kbstore.pddl.conditions import MAX_DEPTH, TRAJECTORY, ConditionReader
 from kbstore.pddl.expressions import is_number
-from kbstore.pddl.scope import NO_VARIABLES, Scope, Variables
+from kbstore.pddl.scope import NO_VARIABLES, Scope
 from kbstore.pddl.sexpr import Group, node_text
 from kbstore.pddl.typed_lists import bound
 

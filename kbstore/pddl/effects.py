@@ -15,12 +15,13 @@ from kbstore.model.formulas import (
     ForEach,
     NumericEffect,
     Parameter,
+    Variables,
     When,
 )
 from kbstore.names import key
 from kbstore.pddl.conditions import MAX_DEPTH, ConditionReader
 from kbstore.pddl.expressions import read_expression, read_function
-from kbstore.pddl.scope import Scope, Variables
+from kbstore.pddl.scope import Scope
 from kbstore.pddl.sexpr import Group, node_text
 from kbstore.pddl.typed_lists import bound
 

@@ -6,9 +6,9 @@ import re
 from kbstore.errors import InvalidKnowledge
 from kbstore.messages import Operator, SpecialType
 from kbstore.model.expressions import NumericExpression, Token
-from kbstore.model.formulas import Atom
+from kbstore.model.formulas import Atom, Variables
 from kbstore.names import is_wildcard
-from kbstore.pddl.scope import NO_VARIABLES, Scope, Variables
+from kbstore.pddl.scope import NO_VARIABLES, Scope
 from kbstore.pddl.sexpr import Group, Node, node_text
 
 NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?", re.ASCII)

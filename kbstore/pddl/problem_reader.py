@@ -7,7 +7,7 @@ from typing import overload
 
 from kbstore.errors import InvalidKnowledge, KbStoreError
 from kbstore.messages import Expression, Goal, Instance, KnowledgeType, SpecialType
-from kbstore.messages.bulk import gc_paused
+from kbstore.messages.gc_pause import gc_paused
 from kbstore.model.domain import ROOT_TYPE, Domain
 from kbstore.names import key
 from kbstore.names import problem as name_problem

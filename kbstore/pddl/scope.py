@@ -5,13 +5,10 @@ from dataclasses import dataclass, field
 
 from kbstore.errors import InvalidKnowledge, KbStoreError, PddlSyntaxError, UnknownSymbol
 from kbstore.model.domain import ROOT_TYPE, Domain, Signature
-from kbstore.model.formulas import Atom, Parameter, object_terms
+from kbstore.model.formulas import Atom, Parameter, Variables, object_terms
 from kbstore.model.symbols import arity_problem
 from kbstore.names import is_wildcard, key
 from kbstore.pddl.sexpr import Group, Node, SourceText, bounded, node_text
-
-Variables = Mapping[str, tuple[str, ...]]
-"""The variables that are bound at a place in a formula (keys, without ``?``), each with its types."""
 
 Report = Callable[[type[KbStoreError], str, int], None]
 """The handler of something that can be read but does not fit: its kind of error, a sentence, an offset."""

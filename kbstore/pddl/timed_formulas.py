@@ -13,12 +13,13 @@ from kbstore.model.formulas import (
     Preference,
     Timing,
     Truism,
+    Variables,
     When,
     WhenAtStart,
 )
 from kbstore.pddl.conditions import ConditionReader, conjuncts
 from kbstore.pddl.effects import EffectReader
-from kbstore.pddl.scope import Scope, Variables
+from kbstore.pddl.scope import Scope
 from kbstore.pddl.sexpr import Group, node_text
 from kbstore.pddl.typed_lists import bound
 

@@ -4,12 +4,10 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from kbstore.model.domain import ROOT_TYPE
-from kbstore.model.formulas import Parameter
+from kbstore.model.formulas import Parameter, Types, Variables
 from kbstore.names import key
-from kbstore.pddl.scope import Scope, Variables
+from kbstore.pddl.scope import Scope
 from kbstore.pddl.sexpr import Group, node_text
-
-Types = tuple[str, ...]
 
 
 class Typed(NamedTuple):

@@ -6,12 +6,12 @@ from functools import cached_property
 
 from kbstore.errors import InvalidKnowledge, NotLinear
 from kbstore.evaluation.interpretation import Arguments, Number, Span
-from kbstore.evaluation.snapshot import StateRow, is_of
+from kbstore.evaluation.snapshot import is_of
 from kbstore.evaluation.when import truths
 from kbstore.messages import KnowledgeType, Truth
 from kbstore.model.domain import Domain
 from kbstore.model.formulas import Formula, Timing
-from kbstore.model.timelines import Identity, Role, Value, atom_key
+from kbstore.model.timelines import Identity, Role, StateRow, Value, atom_key
 from kbstore.names import key
 from kbstore.planning.effects import Effects
 from kbstore.planning.grounding import GroundAction

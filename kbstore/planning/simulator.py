@@ -6,23 +6,21 @@ expected end, and numbers move at rates that follow what they read (O5). Nothing
 scheduled knowledge alone (`recorded`), to store the rates that follow from it.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from typing import NamedTuple
 
 from kbstore.errors import KbStoreError
-from kbstore.evaluation.snapshot import Snapshot, StateRow
+from kbstore.evaluation.snapshot import Snapshot
 from kbstore.messages import KnowledgeType
 from kbstore.model.domain import Domain
 from kbstore.model.formulas import Atom, Timing
 from kbstore.model.results import Run
-from kbstore.model.timelines import Identity, Role, Timeline, Value, atom_key, fact_value, number_at
+from kbstore.model.timelines import Identity, Mentions, Role, StateRow, Timeline, Value, atom_key, fact_value, number_at
 from kbstore.names import key
 from kbstore.planning import effects
 from kbstore.planning.effects import Effects
 from kbstore.planning.grounding import ground
 from kbstore.planning.rates import RunningAction, is_moving, rates, value_at_end
-
-Mentions = Callable[[Timeline, Value], Sequence[str]]
 
 
 class TimelineEvent(NamedTuple):

@@ -19,7 +19,7 @@ from kbstore.model.domain import Domain
 from kbstore.model.results import AsOf, QueryResult
 from kbstore.model.symbols import SymbolTable
 from kbstore.model.timelines import Role
-from kbstore.reading.lazy_state import LazyState, NotRead, Premises
+from kbstore.reading.lazy_state import LazyState, NotRead, PartialState
 from kbstore.reading.prepared import PreparedCondition, PreparedExpression, question_key
 from kbstore.reading.questions import Question
 from kbstore.reading.reader import Reader
@@ -43,18 +43,18 @@ class _Moving(NamedTuple):
 
     Attributes:
         prepared: the question.
-        premises: the assertions that it reads.
+        partial_state: the assertions that it reads.
         answer: the answer when they were read.
     """
 
     prepared: _Prepared
-    premises: Premises
+    partial_state: PartialState
     answer: _Answer
 
     def at(self, t: int) -> _Answer | None:
         """Return the answer at a time in nanoseconds; None if that needs more than has been read or checked."""
         try:
-            answer = self.prepared.evaluate(self.premises.later(t))
+            answer = self.prepared.evaluate(self.partial_state.later(t))
         except (NotRead, KbStoreError):
             return None
         # types were checked for the earlier answer; another one may depend on types that were not (rule V10)
@@ -261,10 +261,10 @@ class Answers:
                 return point.valid_time, point.valid_time, answer
             if not world.is_moving:
                 return point.valid_time, world.until, answer
-            premises = world.premises
-            if premises is None:
+            partial_state = world.partial_state
+            if partial_state is None:
                 return point.valid_time, point.valid_time, answer
-            return point.valid_time, world.until, _Moving(prepared, premises, answer)
+            return point.valid_time, world.until, _Moving(prepared, partial_state, answer)
 
     def query(self, items: Sequence[Question], at: TimeLike | None = None) -> QueryResult:
         """Return whether each of several items is true at a time, on one snapshot of the store."""

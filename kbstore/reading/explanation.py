@@ -33,7 +33,7 @@ _ENDED = {
 
 
 class Explained(Protocol):
-    """A state that can be explained: a whole `State`, or a `Moment`, which reads only what an explanation needs."""
+    """A state that can be explained: a whole `State`, or an `ExplainedPoint`, which reads only what it needs."""
 
     @property
     def at(self) -> int:
@@ -55,7 +55,7 @@ class Explained(Protocol):
         """Explain why a fact or condition is true, false or unknown."""
 
 
-class Moment:
+class ExplainedPoint:
     """The state at an interpretation's time, as it is known now."""
 
     belief: LogPosition | None = None

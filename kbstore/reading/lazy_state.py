@@ -6,10 +6,10 @@ from typing import cast
 
 from kbstore.clock import OPEN
 from kbstore.evaluation.interpretation import Arguments, Number
-from kbstore.evaluation.snapshot import Snapshot, StateRow
+from kbstore.evaluation.snapshot import Snapshot
 from kbstore.messages import KnowledgeType
 from kbstore.model.domain import Domain
-from kbstore.model.timelines import Role, Timeline, atom_key
+from kbstore.model.timelines import Role, StateRow, Timeline, atom_key
 from kbstore.names import key
 from kbstore.storage.records import LogPosition
 from kbstore.storage.repository import Repository
@@ -26,7 +26,7 @@ Rows = dict[tuple[KnowledgeType, str], StateRow | None]
 """The assertions that hold on some timelines, by knowledge type and key; None where nothing holds."""
 
 
-class Premises:
+class PartialState:
     """An interpretation by some timelines only. Raises `NotRead` if a question needs others."""
 
     def __init__(self, rows: Rows, time: int, domain: Domain | None, *, use_unknowns: bool) -> None:
@@ -35,9 +35,9 @@ class Premises:
         self.use_unknowns = use_unknowns
         self._rows = rows
 
-    def later(self, time: int) -> "Premises":
-        """Return the same premises at a later time, at which the same assertions hold."""
-        return Premises(self._rows, time, self.domain, use_unknowns=self.use_unknowns)
+    def later(self, time: int) -> "PartialState":
+        """Return the same state at a later time, at which the same assertions hold."""
+        return PartialState(self._rows, time, self.domain, use_unknowns=self.use_unknowns)
 
     def row(self, kind: KnowledgeType, name: str) -> StateRow | None:
         """The assertion that holds on one timeline of the state."""
@@ -79,7 +79,7 @@ class Premises:
         raise NotRead
 
 
-class LazyState(Premises):
+class LazyState(PartialState):
     """An interpretation that reads on demand from a repository: a timeline, a pattern's matches, or a predicate."""
 
     def __init__(self, repository: Repository, time: int, domain: Domain | None, *, use_unknowns: bool) -> None:
@@ -97,7 +97,7 @@ class LazyState(Premises):
         return any(row is not None and row[2][3] for (kind, _), row in read if kind is KnowledgeType.FUNCTION)
 
     @property
-    def premises(self) -> Premises | None:
+    def partial_state(self) -> PartialState | None:
         """The timelines read so far; None if more than single timelines were read."""
         return None if self._has_ranges else self.later(self.time)
 

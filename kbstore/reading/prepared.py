@@ -7,14 +7,13 @@ from kbstore.evaluation import expressions
 from kbstore.evaluation.argument_types import named_arguments
 from kbstore.evaluation.evaluator import Evaluation
 from kbstore.evaluation.interpretation import Interpretation
-from kbstore.evaluation.snapshot import StateRow
 from kbstore.evaluation.wellformed import check, check_expression
 from kbstore.messages import Condition, Fact, Function, KnowledgeType, Truth
 from kbstore.model.domain import Domain
 from kbstore.model.expressions import NumericExpression, atoms_of
 from kbstore.model.formulas import Atom, Comparison, Defined, Forall, Formula, Imply, Not, Or, symbols_in, walk
 from kbstore.model.symbols import SymbolTable
-from kbstore.model.timelines import Timeline, atom_key
+from kbstore.model.timelines import StateRow, Timeline, atom_key
 from kbstore.names import is_wildcard, key
 from kbstore.reading.questions import Question, as_condition, as_expression
 from kbstore.storage.caches import LRU, QUESTIONS

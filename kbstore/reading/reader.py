@@ -6,12 +6,12 @@ from types import TracebackType
 from typing import TYPE_CHECKING, NamedTuple
 
 from kbstore.clock import OPEN, SECOND, TIME_LIMIT, Clock, TimeLike
-from kbstore.evaluation.snapshot import Snapshot, StateRow
+from kbstore.evaluation.snapshot import Snapshot
 from kbstore.messages import Condition, KnowledgeItem, KnowledgeType
 from kbstore.model.domain import Domain
 from kbstore.model.results import AsOf, Broken, Explanation, Run
 from kbstore.model.symbols import SymbolTable
-from kbstore.model.timelines import Role
+from kbstore.model.timelines import Role, StateRow
 from kbstore.names import key
 from kbstore.planning.rates import RunningAction
 from kbstore.planning.simulator import Simulator

@@ -26,14 +26,14 @@ from kbstore.model.pictures import Bar, Lane, Look, timeline
 from kbstore.model.plain import Data, Result, plain, times
 from kbstore.model.results import QueryResult, Run
 from kbstore.model.symbols import SymbolTable
-from kbstore.model.timelines import Identity, Role, fact_value
+from kbstore.model.timelines import Identity, Mentions, Role, fact_value
 from kbstore.pddl.parse import uncertain_atoms
 from kbstore.pddl.strict_names import StrictPddl, strict_problem
 from kbstore.pddl.writer import write_problem
-from kbstore.planning.simulator import Mentions, Simulator
+from kbstore.planning.simulator import Simulator
+from kbstore.reading.bindings import bindings
 from kbstore.reading.item_factory import ItemFactory
 from kbstore.reading.prepared import PreparedQuestions
-from kbstore.reading.query import bindings
 from kbstore.reading.questions import Question, as_item
 from kbstore.reading.state_data import StateData
 from kbstore.storage.caches import LRU, STATE_ANSWERS

@@ -2,7 +2,8 @@
 
 from dataclasses import dataclass
 
-from kbstore.evaluation.snapshot import Snapshot, StateRow
+from kbstore.evaluation.snapshot import Snapshot
+from kbstore.model.timelines import StateRow
 from kbstore.planning.rates import RunningAction
 
 

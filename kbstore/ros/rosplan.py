@@ -11,7 +11,7 @@ from typing import Any
 from kbstore.errors import InvalidKnowledge, KbStoreError, UnknownSymbol
 from kbstore.knowledge_base import KnowledgeBase
 from kbstore.messages import Condition, Expression, Fact, Function, KnowledgeType, Message, UpdateType, from_message
-from kbstore.messages.bulk import gc_paused
+from kbstore.messages.gc_pause import gc_paused
 from kbstore.model.results import Transaction
 from kbstore.model.symbols import SymbolTable
 from kbstore.names import key

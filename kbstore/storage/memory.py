@@ -76,7 +76,7 @@ class OpenRows:
                 self._token = token
 
 
-class Progress:
+class LogEnd:
     """The end of the log when it was last read; shared by copies of a memory.
 
     Attributes:
@@ -115,7 +115,7 @@ class StoreMemory:
         self.timelines = TimelineCache(bound)
         self.open_rows = OpenRows(min(bound, OPEN_ROWS))
         self._bound = bound
-        self.progress = Progress()
+        self.progress = LogEnd()
         self.progress.forgetting.append(self._forget_timelines)
 
     def gone(self) -> StoreWentBack:

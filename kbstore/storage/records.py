@@ -10,9 +10,6 @@ from kbstore.clock import OPEN
 from kbstore.messages import KnowledgeType
 from kbstore.model.timelines import EndCause, Timeline, Value
 
-StateRow = tuple[Timeline, int, Value]
-"""An assertion that holds or is scheduled: its timeline, its initial time in nanoseconds, and its value."""
-
 
 class Head(NamedTuple):
     """The row of a knowledge base that a writer locks: the end of its log.

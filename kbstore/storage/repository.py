@@ -9,7 +9,7 @@ from typing import Any
 from kbstore.clock import OPEN
 from kbstore.errors import StoreWentBack
 from kbstore.messages import KnowledgeType
-from kbstore.model.timelines import LONGEST_KEY, Role, Timeline, stored_key
+from kbstore.model.timelines import LONGEST_KEY, Role, StateRow, Timeline, stored_key
 from kbstore.storage import directory, queries
 from kbstore.storage.assertion_queries import AssertionQueries, for_kind
 from kbstore.storage.connection import SqlRow, StoreConnection
@@ -24,7 +24,6 @@ from kbstore.storage.records import (
     RevisionRow,
     RowChanges,
     RunRow,
-    StateRow,
     StoredAssertion,
     StoredPoint,
     TransactionRows,

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 HEAD = "0002"
 """The revision of the schema that this kbstore reads and writes."""
 
-Store = str | PathLike[str] | URL
+StoreUrl = str | PathLike[str] | URL
 """A store's URL: a SQLAlchemy URL, or the path of an SQLite file."""
 
 _SCRIPTS = ("migrations", "../migrations")
@@ -61,7 +61,7 @@ class Migrated(NamedTuple):
     copy: Path | None
 
 
-class Revision(NamedTuple):
+class SchemaRevision(NamedTuple):
     """A revision of the schema: its number, and its title."""
 
     number: str
@@ -87,7 +87,7 @@ def ensure(engine: sa.Engine, *, read_only: bool, schema: str | None = None) -> 
             _set_up(connection, schema)
 
 
-def current(url: Store, *, schema: str | None = None) -> str | None:
+def current(url: StoreUrl, *, schema: str | None = None) -> str | None:
     """Return the revision of a store's schema; None if it has none yet."""
     schema = schema_of(parsed_url(url), schema)
     with _opened(url, schema) as engine, connecting(engine, existing=True) as connection:
@@ -97,7 +97,7 @@ def current(url: Store, *, schema: str | None = None) -> str | None:
         return stamps[0] if stamps else None
 
 
-def check(url: Store, *, wait: float = 0, schema: str | None = None) -> None:
+def check(url: StoreUrl, *, wait: float = 0, schema: str | None = None) -> None:
     """Raise unless the store can be reached and its schema is the one that this kbstore reads.
 
     Waits up to `wait` seconds for a database that does not answer yet or is still to be upgraded by someone else.
@@ -118,15 +118,15 @@ def check(url: Store, *, wait: float = 0, schema: str | None = None) -> None:
         time.sleep(min(0.2, wait))
 
 
-def history() -> list[Revision]:
+def history() -> list[SchemaRevision]:
     """Return the revisions of the schema that this kbstore knows, the oldest first."""
     from alembic.script import ScriptDirectory
 
     scripts = ScriptDirectory.from_config(_config()).walk_revisions()
-    return [Revision(script.revision, script.doc) for script in scripts][::-1]
+    return [SchemaRevision(script.revision, script.doc) for script in scripts][::-1]
 
 
-def upgrade(url: Store, revision: str = "head", *, backup: bool = True, schema: str | None = None) -> Migrated:
+def upgrade(url: StoreUrl, revision: str = "head", *, backup: bool = True, schema: str | None = None) -> Migrated:
     """Bring the schema to a later revision, in one transaction.
 
     An SQLite file that holds a store is copied first, beside itself, unless `backup` is False; the copy is what the
@@ -136,12 +136,12 @@ def upgrade(url: Store, revision: str = "head", *, backup: bool = True, schema: 
     return _migrate(url, revision, schema, backup=backup, down=False)
 
 
-def downgrade(url: Store, revision: str, *, backup: bool = True, schema: str | None = None) -> Migrated:
+def downgrade(url: StoreUrl, revision: str, *, backup: bool = True, schema: str | None = None) -> Migrated:
     """Bring the schema back to an earlier revision; otherwise like `upgrade`. "base" drops all data."""
     return _migrate(url, revision, schema, backup=backup, down=True)
 
 
-def in_schema(url: Store, schema: str) -> URL:
+def in_schema(url: StoreUrl, schema: str) -> URL:
     """Return a URL, for programs other than kbstore, whose connections have a PostgreSQL schema as search path."""
     engine = make_engine(url)
     refuse_schema(engine.url, schema)
@@ -292,7 +292,7 @@ def _set_up(connection: sa.Connection, schema: str | None) -> None:
         blank_store.remember(driver, HEAD)
 
 
-def _migrate(url: Store, revision: str, schema: str | None, *, backup: bool, down: bool) -> Migrated:
+def _migrate(url: StoreUrl, revision: str, schema: str | None, *, backup: bool, down: bool) -> Migrated:
     schema = schema_of(parsed_url(url), schema)
     with _opened(url, schema) as engine, connecting(engine) as connection, _alembic:
         return _run(connection, revision, schema, backup=backup, down=down)
@@ -367,7 +367,7 @@ def _copied(path: Path, stamp: str) -> Path:
 
 
 @contextmanager
-def _opened(url: Store, schema: str | None) -> Iterator[sa.Engine]:
+def _opened(url: StoreUrl, schema: str | None) -> Iterator[sa.Engine]:
     """Open an engine for a while that waits `_PATIENCE` seconds for locks."""
     engine = make_engine(url, busy_timeout=_PATIENCE)
     refuse_schema(engine.url, schema)

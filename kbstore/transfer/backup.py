@@ -8,13 +8,13 @@ from typing import Any
 
 from kbstore.storage import directory
 from kbstore.storage.database import Database
-from kbstore.transfer.rows import Progress, RowSource, RowTarget, Steps, Store, copy, new_file, opened
+from kbstore.transfer.rows import Progress, RowSource, RowTarget, Steps, StoreLike, copy, new_file, opened
 
 _PAGES = 2000
 """The number of pages of an SQLite file copied between two calls of the progress callback."""
 
 
-def backup(url: Store, path: str | os.PathLike[str], *, progress: Progress | None = None) -> Path:
+def backup(url: StoreLike, path: str | os.PathLike[str], *, progress: Progress | None = None) -> Path:
     """Copy a store to a new SQLite file, as it is at one moment, while others go on reading and writing.
 
     An SQLite file is copied whole; from a PostgreSQL database, all knowledge bases are copied. The copy is a store like

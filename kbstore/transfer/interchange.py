@@ -16,14 +16,14 @@ from kbstore.transfer.consistency import contradictions
 from kbstore.transfer.content import Content
 from kbstore.transfer.jsonl import JsonLinesReader, JsonLinesWriter
 from kbstore.transfer.queries import by_table
-from kbstore.transfer.rows import Progress, RowSource, RowTarget, Steps, Store, batches, copy, new_file, opened
+from kbstore.transfer.rows import Progress, RowSource, RowTarget, Steps, StoreLike, batches, copy, new_file, opened
 from kbstore.transfer.scratch import Scratch, scratch
 
 File = str | os.PathLike[str] | IO[bytes]
 """A path, or a file that is open in binary mode."""
 
 
-def export_knowledge_base(url: Store, name: str, file: File, *, progress: Progress | None = None) -> int:
+def export_knowledge_base(url: StoreLike, name: str, file: File, *, progress: Progress | None = None) -> int:
     """Write a knowledge base to a file as JSON Lines, as it is at one moment; writers go on meanwhile.
 
     Args:
@@ -58,7 +58,9 @@ def _export(source: RowSource, output: IO[bytes], progress: Progress | None) -> 
     return writer.end()
 
 
-def import_knowledge_base(url: Store, file: File, name: str | None = None, *, progress: Progress | None = None) -> str:
+def import_knowledge_base(
+    url: StoreLike, file: File, name: str | None = None, *, progress: Progress | None = None
+) -> str:
     """Restore a knowledge base that was exported, with every time, transaction, run and cancellation as it was.
 
     The whole file is checked before a row is stored: its rows wait in a temporary file (`TMPDIR`), which takes about as

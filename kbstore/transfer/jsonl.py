@@ -16,7 +16,7 @@ from kbstore.clock import OPEN, TIME_LIMIT
 from kbstore.errors import InvalidKnowledge, SchemaTooNew
 from kbstore.storage.assertion_queries import HEAD_COLUMNS
 from kbstore.storage.records import Head
-from kbstore.transfer.queries import HEAD, by_table
+from kbstore.transfer.queries import COPIED_HEAD, by_table
 from kbstore.transfer.row_checks import WHOLE_NUMBERS, RowChecks, is_text
 from kbstore.transfer.rows import Record
 
@@ -90,10 +90,10 @@ class JsonLinesReader:
             )
         rows = line.get("rows")
         if not (
-            line.keys() == {"format", "version", "name", "use_unknowns", *HEAD, "rows"}
+            line.keys() == {"format", "version", "name", "use_unknowns", *COPIED_HEAD, "rows"}
             and is_text(line["name"])
             and type(line["use_unknowns"]) is bool
-            and all(_is_number(line[column]) for column in HEAD)
+            and all(_is_number(line[column]) for column in COPIED_HEAD)
             and max(line["last_time"], line["history_from"]) < TIME_LIMIT
             and isinstance(rows, dict)
             and rows.keys() == by_table.keys()
@@ -101,7 +101,7 @@ class JsonLinesReader:
         ):
             self._refuse("is not a header as kbstore writes it")
         self._rows = rows
-        self._head = {name: line[name] for name in HEAD}
+        self._head = {name: line[name] for name in COPIED_HEAD}
         self._checks = RowChecks(self._head, rows, self._refuse)
         return line
 
@@ -171,7 +171,7 @@ class JsonLinesReader:
 
 def _named(head: Head) -> dict[str, object]:
     columns = dict(zip(HEAD_COLUMNS, head, strict=True))
-    return {name: columns[name] for name in HEAD}
+    return {name: columns[name] for name in COPIED_HEAD}
 
 
 def _is_number(value: object) -> bool:

@@ -26,7 +26,7 @@ from kbstore.storage.records import Head
 from kbstore.storage.repository import Repository
 from kbstore.transfer.delta import Delta, Span
 from kbstore.transfer.delta_queries import sizes
-from kbstore.transfer.rows import Progress, RowTarget, Store, is_archive, opened
+from kbstore.transfer.rows import Progress, RowTarget, StoreLike, is_archive, opened
 from kbstore.writing.derived_rates import derive_rates
 
 CHUNK = 10_000
@@ -220,7 +220,7 @@ def shown(database: Database) -> str:
 
 
 @contextmanager
-def pushing(reader: Reader, url: Store, name: str | None, progress: Progress | None) -> Iterator[Push]:
+def pushing(reader: Reader, url: StoreLike, name: str | None, progress: Progress | None) -> Iterator[Push]:
     """Open a push of a knowledge base into a store; an empty database is set up."""
     if reader.resolver.is_archive:
         raise InvalidKnowledge(f"{reader.name} is an archive here, and not continued elsewhere; push its store")
@@ -230,7 +230,7 @@ def pushing(reader: Reader, url: Store, name: str | None, progress: Progress | N
         yield Push(reader, target, reader.name if name is None else name, progress)
 
 
-def adopt(url: Store, name: str) -> str:
+def adopt(url: StoreLike, name: str) -> str:
     """Turn the copy that pushes have written into an original, which is written to like any other.
 
     Later pushes to it are refused. Returns the name of its former original.

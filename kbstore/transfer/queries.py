@@ -125,7 +125,7 @@ by_table: dict[str, TableQueries] = {
 }
 """The tables in the order in which they are written: each row after those that it refers to."""
 
-HEAD: Final = tuple(name for name in HEAD_COLUMNS if name != "source")
+COPIED_HEAD: Final = tuple(name for name in HEAD_COLUMNS if name != "source")
 """The columns of the head that a copy has, too."""
 
 last_transaction = Statement(

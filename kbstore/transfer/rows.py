@@ -24,7 +24,7 @@ from kbstore.storage.repository import Repository
 from kbstore.storage.statements import Statement
 from kbstore.transfer.queries import ARCHIVE, application_id, by_table, last_transaction, mark_archive
 
-Store = str | os.PathLike[str] | URL | Engine
+StoreLike = str | os.PathLike[str] | URL | Engine
 """A store: a SQLAlchemy URL, the path of an SQLite file, or an `Engine` of the caller's."""
 
 Record = dict[str, Any]
@@ -178,7 +178,7 @@ class Steps:
 
 
 @contextmanager
-def opened(url: Store, *, writing: bool = False) -> Iterator[Database]:
+def opened(url: StoreLike, *, writing: bool = False) -> Iterator[Database]:
     """Open a store to be read, or to be written to; then an empty one is set up."""
     # a connection of the caller's engine may be shared, and its settings stay as they are
     database = Database(url, read_only=not writing and not isinstance(url, Engine))

@@ -5,22 +5,19 @@ Updates apply to the change set one after another. At the end each timeline is c
 """
 
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from itertools import chain
 
 from kbstore.clock import OPEN
 from kbstore.messages import Condition, Fact, Function, Instance, KnowledgeItem, KnowledgeType
 from kbstore.model.formulas import Atom
-from kbstore.model.timelines import EndCause, Identity, Role, Timeline, Value
+from kbstore.model.timelines import EndCause, Identity, Mentions, Role, StateRow, Timeline, Value
 from kbstore.names import key
 from kbstore.planning.simulator import TimelineEvent
-from kbstore.storage.records import StateRow
 from kbstore.storage.repository import Repository
 from kbstore.writing.lifespans import Lifespan, lifespans_of, lost_time
 from kbstore.writing.past import Past
 from kbstore.writing.timeline_state import Copy, TimelineState, value_now
-
-Mentions = Callable[[Timeline, Value], Sequence[str]]
 
 _Group = tuple[Role, KnowledgeType]
 

@@ -13,7 +13,7 @@ from kbstore.clock import DurationLike, TimeLike, isoformat, time
 from kbstore.errors import Conflict, InvalidKnowledge, KbStoreError, StoreUnavailable
 from kbstore.interop.up_loading import PlanningProblem, sources
 from kbstore.messages import KnowledgeType, UpdateType
-from kbstore.messages.bulk import gc_paused
+from kbstore.messages.gc_pause import gc_paused
 from kbstore.model.domain import Domain
 from kbstore.model.results import Applicability, Run, Transaction
 from kbstore.model.symbols import SymbolTable

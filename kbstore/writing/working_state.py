@@ -7,12 +7,12 @@ from kbstore.evaluation.snapshot import Snapshot
 from kbstore.messages import KnowledgeType
 from kbstore.model.domain import Domain
 from kbstore.model.formulas import Atom
-from kbstore.model.timelines import Identity, Role
+from kbstore.model.timelines import Identity, Role, StateRow
 from kbstore.planning.rates import is_moving, rates, symbols
 from kbstore.planning.simulator import Simulator
 from kbstore.reading.mentions import mentions
 from kbstore.reading.state_data import StateData
-from kbstore.storage.records import LogPosition, StateRow
+from kbstore.storage.records import LogPosition
 from kbstore.storage.repository import Repository
 from kbstore.writing.action_executor import ActionExecutor
 from kbstore.writing.change_set import ChangeSet
