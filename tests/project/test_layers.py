@@ -1,4 +1,4 @@
-"""The layers of kbstore: imports run upwards only, SQL is spoken in storage, and modules stay small."""
+"""The layers of kbstore: imports point downwards only, SQL is spoken in storage, and modules stay small."""
 
 import ast
 import re
@@ -101,7 +101,14 @@ def test_every_module_has_a_layer():
     assert {part(name) for name in MODULES} == set(listed)
 
 
-def test_imports_run_upwards():
+def test_the_picture_shows_the_layers():
+    """docs/architecture.md draws each layer on a floor of its own, in their order; the package itself is no room."""
+    page = (ROOT / "docs" / "architecture.md").read_text()
+    floors = [tuple(line.split("|")[1].split()) for line in page.splitlines() if line.startswith("  |  ")]
+    assert floors == [rooms for rooms in reversed(LAYERS) if rooms != ("__init__",)]
+
+
+def test_imports_point_downwards():
     """A module imports from lower layers, and from its own package; also where it does so late."""
     wrong = [
         f"{name} imports {other}"
