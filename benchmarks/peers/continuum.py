@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import sqlalchemy as sa
+from sqlalchemy.ext.compiler import deregister
 from sqlalchemy.orm import DeclarativeBase, Mapped, Session, configure_mappers, mapped_column
 from sqlalchemy_continuum import (  # type: ignore[import-untyped]
     Operation,
@@ -37,6 +38,11 @@ class _Fact(_Base):
 configure_mappers()
 _Version: Any = version_class(_Fact)
 _Transaction: Any = transaction_class(_Fact)
+
+# For its key, which SQLite fills in where it is an INTEGER, Continuum makes every BigInteger one on SQLite, whoever's
+# it is: kbstore's tables, too, in this process.
+deregister(sa.BigInteger)
+_Transaction.__table__.c.id.type = sa.Integer()
 
 
 class Continuum:

@@ -6,6 +6,8 @@ import sqlite3
 import warnings
 
 import pytest
+import sqlalchemy as sa
+from sqlalchemy.dialects import sqlite
 
 from benchmarks.histories import PASSING, SHAPES, START, STEP, UNIFORM, History
 from benchmarks.peers.comparing import PEERS
@@ -91,6 +93,12 @@ def test_rows_written_directly_for_continuum_are_those_of_its_session(tmp_path):
         written = _rows(tmp_path / "direct.db", query)
         assert written
         assert written == _rows(tmp_path / "session.db", query)
+
+
+def test_a_peer_leaves_the_types_of_others_alone(make):
+    """What a library sets up for its own tables changes no table of kbstore's in the same process."""
+    make()
+    assert sa.BigInteger().compile(dialect=sqlite.dialect()) == "BIGINT"
 
 
 @pytest.mark.parametrize("shape", SHAPES)
