@@ -60,12 +60,17 @@ def module_name(path):
 
 
 MODULES = {module_name(path): path for path in sorted((ROOT / "kbstore").rglob("*.py"))}
-TREES = {name: ast.parse(path.read_text()) for name, path in MODULES.items()}
 
 
-def imported(tree):
+@cache
+def tree(name):
+    """The syntax tree of a module."""
+    return ast.parse(MODULES[name].read_text())
+
+
+def imported(module):
     """What a module imports when it runs, also within functions; not what only type checkers see."""
-    left = [tree]
+    left = [module]
     while left:
         node = left.pop()
         if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test):
@@ -78,11 +83,19 @@ def imported(tree):
                 whole = f"{node.module}.{alias.name}"
                 yield whole if whole in MODULES or not node.module.startswith("kbstore") else node.module
         else:
-            left += ast.iter_child_nodes(node)
+            left += (child for child in ast.iter_child_nodes(node) if not isinstance(child, ast.expr))
 
 
-IMPORTS = {name: set(imported(tree)) for name, tree in TREES.items()}
-OWN = {name: {other for other in found if other in MODULES and other != name} for name, found in IMPORTS.items()}
+@cache
+def imports(name):
+    """What a module imports, whoever it belongs to."""
+    return frozenset(imported(tree(name)))
+
+
+@cache
+def own_imports():
+    """Which of kbstore's modules each of them imports."""
+    return {name: {other for other in imports(name) if other in MODULES and other != name} for name in MODULES}
 
 
 def part(name):
@@ -112,7 +125,7 @@ def test_imports_point_downwards():
     """A module imports from lower layers, and from its own package; also where it does so late."""
     wrong = [
         f"{name} imports {other}"
-        for name, others in OWN.items()
+        for name, others in own_imports().items()
         for other in others
         if part(name) != part(other) and layer(other) >= layer(name)
     ]
@@ -121,7 +134,7 @@ def test_imports_point_downwards():
 
 def test_no_imports_in_circles():
     """No module is needed by what it needs, within packages neither."""
-    left = {name: set(others) for name, others in OWN.items()}
+    left = {name: set(others) for name, others in own_imports().items()}
     while True:
         free = {name for name, others in left.items() if not others}
         if not free:
@@ -134,9 +147,9 @@ def test_no_two_classes_share_a_name():
     """A class is the only one of its name, except in the faces that mirror the public classes."""
     mirrors = ("kbstore.aio.", "kbstore.serve.answers", "kbstore.serve.updates")
     modules = defaultdict(list)
-    for name, tree in TREES.items():
+    for name in MODULES:
         if not name.startswith(mirrors):
-            for node in ast.walk(tree):
+            for node in ast.walk(tree(name)):
                 if isinstance(node, ast.ClassDef):
                     modules[node.name].append(name)
     assert {name: found for name, found in modules.items() if len(found) > 1} == {}
@@ -150,7 +163,7 @@ def test_the_house_has_few_rooms():
 def test_the_house_has_few_levels():
     """The longest chain of imports from room to room has at most 15 of them."""
     needs = {part(name): set() for name in MODULES}
-    for name, others in OWN.items():
+    for name, others in own_imports().items():
         needs[part(name)] |= {part(other) for other in others} - {part(name)}
 
     @cache
@@ -163,7 +176,7 @@ def test_the_house_has_few_levels():
 def test_the_model_does_not_know_the_messages():
     """The model knows the messages' enums and no message; the results of questions have messages in them."""
     results = ("kbstore.model.results", "kbstore.model.plain")
-    for name, others in OWN.items():
+    for name, others in own_imports().items():
         if part(name) == "model" and name not in results:
             assert {other for other in others if part(other) == "messages"} <= {"kbstore.messages.enums"}, name
 
@@ -171,18 +184,18 @@ def test_the_model_does_not_know_the_messages():
 @pytest.mark.parametrize("name", [name for name in MODULES if part(name) not in ("sql", "storage", "transfer")])
 def test_sql_is_spoken_in_storage_only(name):
     """Nothing outside of storage and the migrations has SQL in it, or imports a driver to send some."""
-    drivers = {other for other in IMPORTS[name] if other.split(".")[0] in DRIVERS}
+    drivers = {other for other in imports(name) if other.split(".")[0] in DRIVERS}
     assert {other.split(".")[-1] for other in drivers} <= NAMED.get(name, set())
     if name in NAMED:
         return
     documentation = {
         id(node.body[0].value)
-        for node in ast.walk(TREES[name])
+        for node in ast.walk(tree(name))
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and isinstance(node.body[0], ast.Expr)
     }
     texts = [
         node.value
-        for node in ast.walk(TREES[name])
+        for node in ast.walk(tree(name))
         if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in documentation
     ]
     assert not [text for text in texts if SQL.search(text)]
@@ -195,7 +208,7 @@ HIDDEN = ("queries", "assertion_queries", "statements", "connection", "sqlite_co
 @pytest.mark.parametrize("name", [name for name in MODULES if part(name) not in ("storage", "transfer")])
 def test_the_repository_is_the_way_to_the_store(name):
     """Nothing outside of storage and transfer names a statement or a connection: it asks the repository."""
-    assert not OWN[name] & {f"kbstore.storage.{hidden}" for hidden in HIDDEN}
+    assert not own_imports()[name] & {f"kbstore.storage.{hidden}" for hidden in HIDDEN}
 
 
 def test_modules_are_small():
@@ -206,11 +219,11 @@ def test_modules_are_small():
 
 def test_imports_for_type_checkers_do_not_count():
     """The tests of this file see imports wherever they are, but for those below TYPE_CHECKING."""
-    tree = ast.parse(
+    module = ast.parse(
         "import kbstore.clock\n"
         "if TYPE_CHECKING:\n    import kbstore.cli\nelse:\n    from kbstore import errors\n"
         "def late():\n    from kbstore.names import key\n    from pathlib import Path\n"
     )
-    assert set(imported(tree)) == {"kbstore.clock", "kbstore.errors", "kbstore.names", "pathlib.Path"}
+    assert set(imported(module)) == {"kbstore.clock", "kbstore.errors", "kbstore.names", "pathlib.Path"}
     assert SQL.search("SELECT a FROM t")
     assert not SQL.search("Select a fact from the list, or update one")
