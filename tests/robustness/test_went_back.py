@@ -19,6 +19,7 @@ import kbstore
 from kbstore import StoreUnavailable, StoreWentBack
 from kbstore.storage.memory import Mark, StoreMemory
 from kbstore.storage.records import Head
+from tests.conftest import create_database
 
 DOMAIN = "(define (domain rooms) (:types room) (:predicates (clean ?p - room)) (:functions (dust ?p - room)))"
 OTHER = "(define (domain rooms) (:types room) (:predicates (tidy ?p - room) (clean ?p - room)))"
@@ -51,24 +52,23 @@ def sqlite_store(tmp_path):
 def postgresql_store(postgresql_url):
     """A database, dropped and made anew from a copy, as pg_restore and a fail-over do."""
     server = sa.make_url(postgresql_url)
-    admin = server.set(drivername="postgresql").render_as_string(hide_password=False)
     name = f"back_{uuid.uuid4().hex[:8]}"
+    saved = f"{name}_saved"
+    conninfo = server.set(drivername="postgresql").render_as_string(hide_password=False)
+    with psycopg.connect(conninfo, autocommit=True) as admin:
 
-    def run(*statements):
-        with psycopg.connect(admin, autocommit=True) as connection:
-            for statement in statements:
-                connection.execute(statement)
+        def save():
+            admin.execute("SELECT pg_terminate_backend(pid) FROM pg_stat_activity WHERE datname = %s", [name])
+            create_database(admin, saved, template=name)
 
-    def save():
-        terminate = f"SELECT pg_terminate_backend(pid) FROM pg_stat_activity WHERE datname = '{name}'"
-        run(terminate, f"CREATE DATABASE {name}_saved TEMPLATE {name}")
+        def restore():
+            admin.execute(f"DROP DATABASE {name} WITH (FORCE)")
+            create_database(admin, name, template=saved)
 
-    def restore():
-        run(f"DROP DATABASE {name} WITH (FORCE)", f"CREATE DATABASE {name} TEMPLATE {name}_saved")
-
-    run(f"CREATE DATABASE {name}")
-    yield Restorable(server.set(database=name).render_as_string(hide_password=False), save, restore)
-    run(*(f"DROP DATABASE IF EXISTS {each} WITH (FORCE)" for each in (name, f"{name}_saved")))
+        create_database(admin, name)
+        yield Restorable(server.set(database=name).render_as_string(hide_password=False), save, restore)
+        for each in (name, saved):
+            admin.execute(f"DROP DATABASE IF EXISTS {each} WITH (FORCE)")
 
 
 @pytest.fixture(params=["sqlite", "postgresql"])
