@@ -27,14 +27,19 @@ def is_observed(engine: sa.Engine) -> bool:
 
 
 def begin_quietly(connection: sa.Connection) -> None:
-    """Have SQLAlchemy begin its transaction on a connection in autocommit, and roll back what a listener has begun.
+    """Have SQLAlchemy begin its transaction on a connection in autocommit, without telling the engine's listeners.
 
-    SQLAlchemy's page on SQLite recommends a listener that begins a transaction then; kbstore begins its own.
+    SQLAlchemy's page on SQLite recommends a listener that begins a transaction then, for writing perhaps; kbstore
+    begins its own.
     """
-    connection.begin()
-    driver: Any = connection.connection.driver_connection
-    if connection.dialect.name == "sqlite" and driver.in_transaction:
-        driver.execute("ROLLBACK")
+    unheard: Any = connection
+    listeners = unheard.dispatch
+    # SQLAlchemy makes another one, without the engine's listeners
+    del unheard.dispatch
+    try:
+        connection.begin()
+    finally:
+        unheard.dispatch = listeners
 
 
 class ObservedDriver:

@@ -22,26 +22,35 @@ class Order(Base):
     item: Mapped[str]
 
 
-@pytest.fixture(params=["own url", "same engine"])
+@pytest.fixture(params=["own url", "same engine", "observed engine"])
 def opened_by(request):
-    """Whether the knowledge base is opened by URL, or on the engine whose connection it is given."""
+    """Whether the knowledge base is opened by URL, or on the engine whose connection it is given.
+
+    An observed engine has a listener for statements, for which they run through SQLAlchemy.
+    """
     return request.param
 
 
+def begin_for_writing(engine):
+    """Have an engine on SQLite begin transactions for writing, as SQLAlchemy's documentation has it."""
+
+    @sa.event.listens_for(engine, "connect")
+    def _no_begin(driver, _):
+        driver.isolation_level = None
+
+    @sa.event.listens_for(engine, "begin")
+    def _begin(connection):
+        connection.exec_driver_sql("BEGIN IMMEDIATE")
+
+
 @pytest.fixture
-def engine(shared_url):
+def engine(shared_url, opened_by):
     """A service's own engine, with its table; on SQLite transactions begin for writing."""
     engine = sa.create_engine(shared_url)
+    if opened_by == "observed engine":
+        sa.event.listen(engine, "before_cursor_execute", lambda *_: None)
     if engine.dialect.name == "sqlite":
-        # as SQLAlchemy's documentation has it: the driver does not begin by itself
-        @sa.event.listens_for(engine, "connect")
-        def _no_begin(driver, _):
-            driver.isolation_level = None
-
-        @sa.event.listens_for(engine, "begin")
-        def _begin(connection):
-            connection.exec_driver_sql("BEGIN IMMEDIATE")
-
+        begin_for_writing(engine)
     Base.metadata.create_all(engine)
     yield engine
     Base.metadata.drop_all(engine)
@@ -165,6 +174,23 @@ def test_one_transaction_at_a_time_in_a_thread(kb, engine):
         pytest.raises(Conflict, match="a transaction is open in this thread"),
     ):
         kb.add("(ordered cup)")
+
+
+@pytest.mark.parametrize("is_observed", [False, True])
+def test_no_reader_begins_to_write(path, is_observed):
+    """On an engine whose transactions begin for writing, kbstore opens and reads a file while another one writes."""
+    with kbstore.open(path, "robot") as writer:
+        writer.add("(open hall)")
+        engine = sa.create_engine(f"sqlite:///{path}", connect_args={"timeout": 0})
+        begin_for_writing(engine)
+        if is_observed:
+            sa.event.listen(engine, "before_cursor_execute", lambda *_: None)
+        with writer.transaction() as transaction:
+            transaction.remove("(open hall)")
+            with kbstore.open(engine, "robot", busy_timeout=0) as reader:
+                assert reader.holds("(open hall)")
+                assert len(reader.state().facts) == 1
+    engine.dispose()
 
 
 # -- connections that do not do -----------------------------------------------------------------------------------
