@@ -12,6 +12,7 @@ from kbstore.storage.driver_errors import sqlite_code
 from kbstore.storage.postgresql_connection import PostgresqlConnection
 from kbstore.storage.server_engine import lend, take_back
 from kbstore.storage.sqlite_connection import SqliteConnection
+from kbstore.storage.statement_events import ObservedDriver, is_observed
 
 _LOCK = "UPDATE knowledge_bases SET name = name WHERE false"
 """Takes SQLite's write lock, and changes nothing."""
@@ -25,10 +26,10 @@ def savepoint(connection: sa.Connection, options: Options, database: object) -> 
     check. Raises `StoreUnavailable` if the caller has no transaction in which kbstore can write.
     """
     driver: Any = connection.connection.driver_connection
-    if connection.dialect.name == "sqlite":
-        found: StoreConnection = _sqlite(driver, options)
-    else:
-        found = _postgresql(connection, driver, options)
+    is_sqlite = connection.dialect.name == "sqlite"
+    found = _sqlite(driver, options) if is_sqlite else _postgresql(connection, driver, options)
+    if is_observed(connection):
+        found.execute_on(ObservedDriver(connection))
     if database is not None and found.database() != database:
         raise StoreUnavailable(
             f"the connection is to another database than {options.store}; give one of an engine on that, or open "
@@ -44,7 +45,7 @@ def savepoint(connection: sa.Connection, options: Options, database: object) -> 
             take_back(driver)
 
 
-def _sqlite(driver: Any, options: Options) -> StoreConnection:
+def _sqlite(driver: Any, options: Options) -> SqliteConnection:
     how = (
         "begin it for writing: connection.exec_driver_sql('BEGIN IMMEDIATE') before anything else is done on the "
         "connection, or on each 'begin' of the engine (see SQLAlchemy's page on SQLite and transactions)"
@@ -65,7 +66,7 @@ def _sqlite(driver: Any, options: Options) -> StoreConnection:
     return found
 
 
-def _postgresql(connection: sa.Connection, driver: Any, options: Options) -> StoreConnection:
+def _postgresql(connection: sa.Connection, driver: Any, options: Options) -> PostgresqlConnection:
     if driver.autocommit:
         raise StoreUnavailable(
             f"{options.store}: the connection is in autocommit, where there is no transaction to write in; give one "

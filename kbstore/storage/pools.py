@@ -29,7 +29,7 @@ from kbstore.storage.server_engine import (
     take_back,
 )
 from kbstore.storage.sqlite_connection import SqliteConnection
-from kbstore.storage.statement_events import ObservedDriver, is_observed
+from kbstore.storage.statement_events import ObservedDriver, begin_quietly, is_observed
 
 
 class PooledConnections(Connections):
@@ -282,6 +282,7 @@ class LentConnections(PooledConnections):
             connection.lock = lock
             if connection.is_alive():
                 if is_observed(self.engine):
+                    begin_quietly(handle)
                     connection.execute_on(ObservedDriver(handle))
                 break
             LOG.warning("%s: the connection was lost; connecting again", self._options.store)

@@ -1,7 +1,7 @@
-"""Shows kbstore's statements to the listeners of a caller's engine, and to its `echo`.
+"""Shows kbstore's statements to the listeners of an engine, and to its `echo`.
 
 kbstore runs statements on the driver's cursor, which takes 3 us where SQLAlchemy takes 44. They run through SQLAlchemy
-only on an engine that has listeners for cursors, or logs its statements.
+only on an engine or connection that has listeners for cursors, or logs its statements.
 """
 
 import logging
@@ -15,13 +15,13 @@ _TRANSACTION = ("BEGIN", "COMMIT", "ROLLBACK")
 """Statements that go to the driver in any case, as SQLAlchemy has methods of its own for them."""
 
 
-def is_observed(engine: sa.Engine) -> bool:
-    """Return whether an engine has listeners or logging for its statements."""
-    listeners: Any = engine.dispatch
+def is_observed(place: sa.Engine | sa.Connection) -> bool:
+    """Return whether an engine, or a connection, has listeners or logging for its statements."""
+    listeners: Any = place.dispatch
     return bool(
         listeners.before_cursor_execute
         or listeners.after_cursor_execute
-        or engine.echo
+        or place.engine.echo
         or logging.getLogger("sqlalchemy.engine").isEnabledFor(logging.INFO)
     )
 
@@ -46,9 +46,9 @@ class ObservedDriver:
     """Replaces a driver's connection for executing statements, which then run through SQLAlchemy."""
 
     def __init__(self, connection: sa.Connection) -> None:
+        """`connection` is in a transaction of SQLAlchemy's, or would begin one with the first statement."""
         self._connection = connection
         self._driver: Any = connection.connection.driver_connection
-        begin_quietly(connection)
 
     def execute(self, text: str, parameters: Any = None, **how: Any) -> Any:
         """Execute a statement, and return the driver's cursor."""

@@ -176,6 +176,32 @@ def test_one_transaction_at_a_time_in_a_thread(kb, engine):
         kb.add("(ordered cup)")
 
 
+@pytest.mark.parametrize("observed", ["engine", "connection"])
+def test_the_callers_listeners_see_every_statement(kb, engine, observed):
+    """Between SAVEPOINT and RELEASE, a listener of the engine or of the connection sees what kbstore runs."""
+    seen = []
+    with engine.connect() as connection, connection.begin():
+        place = engine if observed == "engine" else connection
+        sa.event.listen(
+            place, "before_cursor_execute", lambda _c, _cursor, text, *_: seen.append(text.split(" FROM")[0])
+        )
+        with kb.transaction(connection=connection) as transaction:
+            transaction.add("(ordered cup)", "(ordered saucer)")
+            transaction.remove("(open hall)")
+            assert transaction.holds("(ordered cup)")
+            assert len(transaction.state().facts) == 2
+        connection.execute(sa.insert(Order).values(item="cup"))
+    kinds = [text for text in seen if text.startswith(("SAVEPOINT", "RELEASE", "INSERT", "UPDATE facts"))]
+    assert kinds[0].startswith("SAVEPOINT")
+    assert kinds[-2].startswith("RELEASE")
+    assert kinds[-1].startswith("INSERT INTO orders")
+    between = "\n".join(kinds[1:-2])
+    for part in ("INSERT INTO facts", "UPDATE facts", "INSERT INTO timelines", "INSERT INTO transactions"):
+        assert part in between
+    assert kb.holds("(ordered saucer)")
+    assert orders(engine) == ["cup"]
+
+
 @pytest.mark.parametrize("is_observed", [False, True])
 def test_no_reader_begins_to_write(path, is_observed):
     """On an engine whose transactions begin for writing, kbstore opens and reads a file while another one writes."""
