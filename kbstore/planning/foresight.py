@@ -11,6 +11,7 @@ from kbstore.evaluation.when import truths
 from kbstore.messages import KnowledgeType, Truth
 from kbstore.model.domain import Domain
 from kbstore.model.formulas import Formula, Timing
+from kbstore.model.lifespans import Lifespan, joined
 from kbstore.model.timelines import Identity, Role, StateRow, Value, atom_key
 from kbstore.names import key
 from kbstore.planning.effects import Effects
@@ -130,19 +131,9 @@ class ExpectedTrajectory:
         }
         for identity, pieces in self._pieces.items():
             if identity.kind is KnowledgeType.INSTANCE and identity.key not in found:
-                found[identity.key] = _merged((s, e, key(value[1])) for s, e, value, _ in pieces if not value[0])
+                existences = (Lifespan(s, e, key(value[1])) for s, e, value, _ in pieces if not value[0])
+                found[identity.key] = joined(existences)
         return found
 
     def _signs(self, identity: Identity) -> list[tuple[int, int, bool]]:
         return [(start, end, not value[0]) for start, end, value, _ in self._pieces.get(identity, ())]
-
-
-def _merged(pieces: Iterable[tuple[int, int, str]]) -> list[tuple[int, int, str]]:
-    """Join adjacent existences of the same type (rule C6)."""
-    merged: list[tuple[int, int, str]] = []
-    for start, end, kind in pieces:
-        if merged and merged[-1][1:] == (start, kind):
-            merged[-1] = (merged[-1][0], end, kind)
-        else:
-            merged.append((start, end, kind))
-    return merged

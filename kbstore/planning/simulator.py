@@ -230,7 +230,8 @@ class Simulator:
 
     def _timeline(self, kind: KnowledgeType, atom: Atom) -> Timeline:
         keys = [key(name) for name in (atom.name, *atom.arguments)]
-        row = self._holding.get(Identity(Role.STATE, kind, " ".join(keys)))
+        timeline_key = atom_key(keys)
+        row = self._holding.get(Identity(Role.STATE, kind, timeline_key))
         if row is not None:
             return row[0]
         assert self.domain is not None
@@ -240,7 +241,7 @@ class Simulator:
             if kind is KnowledgeType.FACT
             else self.domain.function_signature(atom.name)
         )
-        return Timeline(0, Role.STATE, kind, " ".join(keys), " ".join((declared.name, *spelled)))
+        return Timeline(0, Role.STATE, kind, timeline_key, " ".join((declared.name, *spelled)))
 
     def _spelling(self, name: str) -> str:
         """The name of an object that exists, as first written."""

@@ -20,6 +20,7 @@ from kbstore.evaluation.when import intervals
 from kbstore.messages import KnowledgeType, Truth
 from kbstore.model.domain import Domain
 from kbstore.model.formulas import Formula, Not
+from kbstore.model.lifespans import Lifespan, joined
 from kbstore.model.results import AsOf
 from kbstore.model.symbols import SymbolTable
 from kbstore.model.timelines import Identity, Role, Timeline, Value, atom_key
@@ -100,7 +101,7 @@ class StoredTrajectory:
         constant = self._constants.get(name)
         if constant is not None:
             return [(*self.span, constant)]
-        return self._merged(self._of_key(KnowledgeType.INSTANCE, name))
+        return _existences(self._of_key(KnowledgeType.INSTANCE, name))
 
     @cached_property
     def _constants(self) -> Mapping[str, str]:
@@ -114,23 +115,10 @@ class StoredTrajectory:
         }
         for identity in list(self._pieces):
             if identity.kind is KnowledgeType.INSTANCE and identity.key not in found:
-                pieces = self._merged(self._with_expected(identity))
-                if pieces:
-                    found[identity.key] = pieces
+                existences = _existences(self._with_expected(identity))
+                if existences:
+                    found[identity.key] = existences
         return found
-
-    @staticmethod
-    def _merged(pieces: Sequence[Piece]) -> list[tuple[int, int, str]]:
-        """Return the existences of an object, with adjacent ones of the same type joined."""
-        merged: list[tuple[int, int, str]] = []
-        for start, end, (is_negative, type_name), _ in pieces:
-            if is_negative:
-                continue
-            if merged and merged[-1][1] == start and merged[-1][2] == key(type_name):
-                merged[-1] = (merged[-1][0], end, merged[-1][2])
-            else:
-                merged.append((start, end, key(type_name)))
-        return merged
 
     # -- pieces -----------------------------------------------------------------------------------------------
 
@@ -313,3 +301,7 @@ def _is_of_symbol(identity: Identity, name: str) -> bool:
         and identity.kind is KnowledgeType.FACT
         and (identity.key == name or identity.key.startswith(f"{name} "))
     )
+
+
+def _existences(pieces: Iterable[Piece]) -> list[Lifespan]:
+    return joined(Lifespan(start, end, key(value[1])) for start, end, value, _ in pieces if not value[0])

@@ -15,6 +15,7 @@ from kbstore.errors import KbStoreError
 from kbstore.messages import ComparisonType, KnowledgeType
 from kbstore.model.domain import Domain
 from kbstore.model.formulas import Comparison
+from kbstore.model.lifespans import Lifespan, joined
 from kbstore.model.symbols import InferredSignature, SymbolTable
 from kbstore.model.timelines import METRIC_KEY, Role, Timeline, stored_key
 from kbstore.names import key, problem
@@ -26,7 +27,6 @@ from kbstore.storage import tables
 from kbstore.transfer import scratch_queries as queries
 from kbstore.transfer.consistency import Contradiction
 from kbstore.transfer.scratch import Scratch
-from kbstore.writing.lifespans import Lifespan, joined
 from kbstore.writing.resolution import can_be_read_back
 
 _KINDS: Mapping[Role, frozenset[KnowledgeType]] = {

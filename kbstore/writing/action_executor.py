@@ -12,7 +12,7 @@ from kbstore.messages import AssignOp, KnowledgeType, Truth
 from kbstore.model.domain import Domain
 from kbstore.model.formulas import Atom, Formula, Timing
 from kbstore.model.results import Applicability, FailingCondition, Run
-from kbstore.model.timelines import EndCause, Role
+from kbstore.model.timelines import EndCause, Role, atom_key
 from kbstore.names import key
 from kbstore.pddl.printer import condition_text
 from kbstore.planning import applicability as planning
@@ -190,7 +190,7 @@ class ActionExecutor:
             return world
         exact: list[NumericChange] = []
         for function, added in rates([entry], world).items():
-            row = world.row(KnowledgeType.FUNCTION, " ".join((function.name, *function.arguments)))
+            row = world.row(KnowledgeType.FUNCTION, atom_key((function.name, *function.arguments)))
             if row is not None and not _is_sensed(world, function):
                 number = value_at_end(row[2], row[1], added or 0.0, run)
                 exact.append(NumericChange(function, AssignOp.ASSIGN, number))
@@ -241,7 +241,7 @@ class ActionExecutor:
         change_set, now, resolve = self._change_set, self._change_set.now, handlers.resolver.effect_atom
         functions = {change.function for change in found.changes}
         for kind, touched in ((KnowledgeType.FACT, {*found.deletes, *found.adds}), (KnowledgeType.FUNCTION, functions)):
-            change_set.load(Role.STATE, kind, {" ".join((atom.name, *atom.arguments)) for atom in touched})
+            change_set.load(Role.STATE, kind, {atom_key((atom.name, *atom.arguments)) for atom in touched})
             change_set.load(Role.STATE, KnowledgeType.INSTANCE, {name for atom in touched for name in atom.arguments})
 
         def own_rate(function: Atom) -> float:

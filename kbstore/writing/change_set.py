@@ -11,11 +11,11 @@ from itertools import chain
 from kbstore.clock import OPEN
 from kbstore.messages import Condition, Fact, Function, Instance, KnowledgeItem, KnowledgeType
 from kbstore.model.formulas import Atom
-from kbstore.model.timelines import EndCause, Identity, Mentions, Role, StateRow, Timeline, Value
+from kbstore.model.lifespans import Lifespan, lifespans_of, lost_time
+from kbstore.model.timelines import EndCause, Identity, Mentions, Role, StateRow, Timeline, Value, atom_key
 from kbstore.names import key
 from kbstore.planning.simulator import TimelineEvent
 from kbstore.storage.repository import Repository
-from kbstore.writing.lifespans import Lifespan, lifespans_of, lost_time
 from kbstore.writing.past import Past
 from kbstore.writing.timeline_state import Copy, TimelineState, value_now
 
@@ -176,7 +176,7 @@ class ChangeSet:
 
     def is_set(self, function: Atom) -> bool:
         """Return whether a function has been set in this transaction, also to the same value."""
-        state = self._groups[Role.STATE, KnowledgeType.FUNCTION].get(" ".join((function.name, *function.arguments)))
+        state = self._groups[Role.STATE, KnowledgeType.FUNCTION].get(atom_key((function.name, *function.arguments)))
         base = None if state is None else state.base(self.now)
         return state is not None and (base is None or state.value != value_now(KnowledgeType.FUNCTION, base, self.now))
 

@@ -9,11 +9,11 @@ from collections.abc import Sequence
 
 from kbstore.clock import OPEN
 from kbstore.messages import KnowledgeType
+from kbstore.model.lifespans import Lifespan
 from kbstore.model.timelines import EndCause, Identity, Role, Timeline, Value
 from kbstore.storage.records import LateAssertion, RowChanges, StoredAssertion
 from kbstore.storage.repository import Repository
 from kbstore.writing.change_set import ChangeSet
-from kbstore.writing.lifespans import Lifespan
 from kbstore.writing.timeline_state import TimelineState, value_now
 
 Line = list[tuple[int, Value | None, StoredAssertion | None, bool]]

@@ -6,6 +6,7 @@ from typing import TypeVar
 from kbstore.clock import OPEN, TimeLike, isoformat, time
 from kbstore.errors import InvalidTime, ScheduledRelativeChange
 from kbstore.messages import AssignOp, Expression, Function, Goal, Inequality, Instance, KnowledgeItem, KnowledgeType
+from kbstore.model.lifespans import Lifespan
 from kbstore.model.symbols import SymbolTable
 from kbstore.model.timelines import Role, Timeline, Value
 from kbstore.names import key
@@ -13,7 +14,6 @@ from kbstore.storage.records import LogPosition
 from kbstore.storage.repository import Repository
 from kbstore.writing.change_set import ChangeSet
 from kbstore.writing.handlers import Handlers
-from kbstore.writing.lifespans import Lifespan
 from kbstore.writing.object_handlers import ObjectHandlers, meeting
 from kbstore.writing.past_rates import PastRates
 from kbstore.writing.resolution import NameResolver, Violations

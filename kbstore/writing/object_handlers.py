@@ -7,11 +7,11 @@ from kbstore import names
 from kbstore.clock import isoformat
 from kbstore.errors import one_line
 from kbstore.messages import Instance
+from kbstore.model.lifespans import Lifespan
 from kbstore.model.timelines import EndCause, Value
 from kbstore.names import is_wildcard, key
 from kbstore.storage.repository import Repository
 from kbstore.writing.change_set import ChangeSet
-from kbstore.writing.lifespans import Lifespan
 from kbstore.writing.resolution import NameResolver, Violations
 from kbstore.writing.timeline_state import TimelineState
 

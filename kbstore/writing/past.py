@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 from kbstore.clock import OPEN
 from kbstore.messages import KnowledgeType
 from kbstore.model.formulas import Atom
+from kbstore.model.lifespans import Lifespan, joined, lost_time
 from kbstore.model.timelines import EndCause, Value
 from kbstore.storage.records import KnownAssertion
 from kbstore.storage.repository import Repository
-from kbstore.writing.lifespans import Lifespan, joined, lost_time
 from kbstore.writing.past_rates import PastRates
 from kbstore.writing.pieces import Ended, Piece, cut, is_carried_on, next_change, numbers_in
 from kbstore.writing.timeline_state import KnownPast, TimelineState
