@@ -1,8 +1,8 @@
-"""A deliberately naive knowledge base: a list of transactions, and what is believed after each of them.
+"""A deliberately naive knowledge base: a list of transactions, and the world after each of them.
 
 It is written from the rules alone, shares no code with kbstore, and prefers being obviously right to being fast:
-what stands is a dictionary, what is scheduled is a dictionary, and time is walked forward one scheduled moment after
-the other. Items and answers are plain Python values with names in lower case.
+current and scheduled assertions are two dictionaries, and time is walked forward one scheduled time after the other.
+Items and answers are plain Python values with names in lower case.
 """
 
 from tests.oracle.corrections import Refused, Update

@@ -1,4 +1,4 @@
-"""Late knowledge in a transaction: what is known of the past is edited (rules L1 to L8)."""
+"""Late knowledge in a transaction: edits of the past (rules L1 to L8)."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -6,13 +6,13 @@ from dataclasses import dataclass, replace
 from tests.oracle.draft import Draft
 from tests.oracle.items import Comparison, Item, Metric, Number, Object, RefDomain, Start, Timeline, matches, timeline
 from tests.oracle.late import FOREVER, Piece, Spans, cut, merged, minus, next_change
-from tests.oracle.world import Running, Told, World
+from tests.oracle.world import Assertion, Running, World
 
 
 class Refused(Exception):
     """The transaction is refused; `error` is the name of kbstore's error for it.
 
-    `first` is the name of the error for the first update that something is wrong with.
+    `first` is the name of the error for the first invalid update.
     """
 
     def __init__(self, error: str, why: str, first: str = "") -> None:
@@ -65,13 +65,13 @@ class Corrections(Draft):
         return ""
 
     def _edit(self, line: Timeline, pieces: list[Piece], cause: str) -> None:
-        """Let this be known of a timeline up to now."""
+        """Replace the pieces of a timeline up to now."""
         self.edited.add(line)
         pieces = sorted((piece for piece in pieces if piece.start <= self.now), key=lambda piece: piece.start)
         self.past[line] = [replace(piece, end=min(piece.end, self.now)) for piece in pieces if piece.start < self.now]
         if pieces and pieces[-1].end > self.now:
-            self.standing[line] = (pieces[-1].item, pieces[-1].start)
-        elif self.standing.pop(line, None):
+            self.current[line] = (pieces[-1].item, pieces[-1].start)
+        elif self.current.pop(line, None):
             self.causes[line] = cause
 
     def _blank(self, line: Timeline, since: int, until: int, cause: str = "removed") -> None:
@@ -81,9 +81,9 @@ class Corrections(Draft):
             self._lose_late(str(line[2]), minus(before, self.lifetimes(line[2])))
 
     def _lose_late(self, name: str, lost: Spans) -> None:
-        """An object did not exist in these spans: nothing speaks of it there (rule L5)."""
+        """End every mention of an object in the spans in which it did not exist (rule L5)."""
         for first, last in lost:
-            for line in {*self.past, *self.standing}:
+            for line in {*self.past, *self.current}:
                 mentioning = [piece for piece in self.known(line) if name in piece.item.mentions]
                 others = [piece for piece in self.known(line) if piece not in mentioning]
                 left = cut(mentioning, first, last, "object", self.world.value)
@@ -101,7 +101,7 @@ class Corrections(Draft):
         if all(found):
             self.violations += found[0]
             return
-        for line in [line for line in {*self.past, *self.standing} if line[:2] == (role, pattern.kind)]:
+        for line in [line for line in {*self.past, *self.current} if line[:2] == (role, pattern.kind)]:
             for piece in self.known(line):
                 if matches(pattern, piece.item) and piece.start < (until or since + 1) and since < piece.end:
                     self._blank(line, max(since, piece.start), min(piece.end, until or FOREVER))
@@ -144,7 +144,7 @@ class Corrections(Draft):
         return [piece.ended[0] if piece.ended else None for piece in pieces]
 
     def _late_violations(self, item: Item, since: int, end: int, until: int | None) -> list[list[str]]:
-        """What is wrong with it under each domain that is in force while it holds (rule L5)."""
+        """The violations of a late item under each domain that is in force while it holds (rule L5)."""
         if isinstance(item, Object):
             return self._in_each_domain(since, end, lambda: self._late_object_violations(item, since, end))
         return self._in_each_domain(since, end, lambda: self._late_atom_violations(item, since, until))
@@ -167,7 +167,7 @@ class Corrections(Draft):
                 yield f"{name} does not exist until {until}"
 
     def _in_each_domain(self, since: int, end: int, check: Callable[[], Iterator[str]]) -> list[list[str]]:
-        """What a check says under each domain that is in force within a span."""
+        """The violations that a check finds under each domain in force within a span."""
         latest = self.domain
         versions = [*self.world.domains, (self.now, latest)]
         ends = [start for start, _ in versions[1:]] + [FOREVER]
@@ -179,53 +179,59 @@ class Corrections(Draft):
         self.domain = latest
         return found
 
-    def finish_edited(self, line: Timeline, number: int, expected: dict[int, Told]) -> bool:
-        """Record what is known of a timeline now; what is not as it was stays on record, superseded (rule L8)."""
+    def finish_edited(self, line: Timeline, number: int, expected: dict[int, Assertion]) -> bool:
+        """Record the pieces of a timeline; assertions that differ stay on record, superseded (rule L8)."""
         pieces = {piece.start: piece for piece in self.known(line)}
         now_replaced = "replaced" if self.now in pieces else self.causes.get(line, "removed")
-        old = [told for told in self.world.told if told.timeline == line and told.counts and told.start <= self.now]
-        recorded: dict[int, Told] = {}
+        old = [
+            assertion
+            for assertion in self.world.assertions
+            if assertion.timeline == line and assertion.counts and assertion.start <= self.now
+        ]
+        recorded: dict[int, Assertion] = {}
         changed = False
-        for told in old:
-            piece = pieces.get(told.start)
-            kept = piece is not None and piece.item == told.item
-            if kept and piece.end == (told.end or FOREVER):
-                recorded[told.start] = told
+        for assertion in old:
+            piece = pieces.get(assertion.start)
+            kept = piece is not None and piece.item == assertion.item
+            if kept and piece.end == (assertion.end or FOREVER):
+                recorded[assertion.start] = assertion
                 continue
             changed = True
-            if told.end is None and (told.start == self.now or (kept and piece.end == self.now)):
-                told.end, told.ended_by, told.end_cause = self.now, number, now_replaced
-                if told.start < self.now:
-                    recorded[told.start] = told
+            if assertion.end is None and (assertion.start == self.now or (kept and piece.end == self.now)):
+                assertion.end, assertion.ended_by, assertion.end_cause = self.now, number, now_replaced
+                if assertion.start < self.now:
+                    recorded[assertion.start] = assertion
             else:
-                as_expected = expected[id(told)]
-                told.end, told.ended_by = as_expected.end, as_expected.ended_by
-                told.superseded_by = number
+                as_expected = expected[id(assertion)]
+                assertion.end, assertion.ended_by = as_expected.end, as_expected.ended_by
+                assertion.superseded_by = number
         for start, piece in pieces.items():
             if start not in recorded:
                 changed = True
                 recorded[start] = self.record(line, piece.item, start, number)
-                recorded[start].first_told = piece.first_told or number
+                recorded[start].first_recorded = piece.first_recorded or number
                 recorded[start].end = piece.end if piece.end < FOREVER else None
-        for start, told in recorded.items():
-            if told.recorded == number and told.end in recorded:
-                told.ended_by, told.end_cause = recorded[told.end].recorded, "replaced"
-            elif told.recorded == number and told.end is not None:
+        for start, assertion in recorded.items():
+            if assertion.recorded == number and assertion.end in recorded:
+                assertion.ended_by, assertion.end_cause = recorded[assertion.end].recorded, "replaced"
+            elif assertion.recorded == number and assertion.end is not None:
                 by, cause = pieces[start].ended or (None, "removed")
-                told.ended_by, told.end_cause = by or number, cause
-        self.world.standing.pop(line, None)
-        self.world.standing.update((line, told) for told in recorded.values() if told.end is None)
+                assertion.ended_by, assertion.end_cause = by or number, cause
+        self.world.current.pop(line, None)
+        self.world.current.update((line, assertion) for assertion in recorded.values() if assertion.end is None)
         return changed
 
-    def record(self, line: Timeline, item: Item, start: int, number: int) -> Told:
-        told = Told(line, item, start, number)
-        self.world.told.append(told)
-        return told
+    def record(self, line: Timeline, item: Item, start: int, number: int) -> Assertion:
+        assertion = Assertion(line, item, start, number)
+        self.world.assertions.append(assertion)
+        return assertion
 
 
-def expected_ends(world: World) -> dict[int, Told]:
-    """Each assertion as it would be if nothing more were told, by the identity of the one in the world."""
+def expected_ends(world: World) -> dict[int, Assertion]:
+    """Each assertion as it would be without further transactions, by the identity of the one in the world."""
     later = world.copy()
     later.expecting = True
     later.advance(FOREVER)
-    return {id(told): as_expected for told, as_expected in zip(world.told, later.told, strict=True)}
+    return {
+        id(assertion): as_expected for assertion, as_expected in zip(world.assertions, later.assertions, strict=True)
+    }

@@ -1,4 +1,4 @@
-"""What a transaction would leave standing and scheduled, and what could not be added to it."""
+"""The state and schedule as a transaction would leave them, and the validation of further updates."""
 
 import itertools
 from collections.abc import Iterator
@@ -22,9 +22,9 @@ from tests.oracle.world import World
 
 
 class Draft:
-    """What has been, what stands and what is scheduled with the updates made so far, and the checks of further ones.
+    """The past, the state and the schedule with the updates made so far, and the validation of further ones.
 
-    `past` has the pieces of each timeline up to now; what stands and began before now is the last of them, too.
+    `past` has the pieces of each timeline up to now; a current item that began before now is the last of them, too.
     """
 
     def __init__(self, world: World, now: int) -> None:
@@ -32,22 +32,24 @@ class Draft:
         self.world = world
         self.now = now
         self.domain = world.domain
-        self.standing: dict[Timeline, tuple[Item, int]] = {
-            line: (told.item, told.start) for line, told in world.standing.items()
+        self.current: dict[Timeline, tuple[Item, int]] = {
+            line: (assertion.item, assertion.start) for line, assertion in world.current.items()
         }
-        self.pending: dict[tuple[Timeline, int], Item] = {key: told.item for key, told in world.pending.items()}
+        self.pending: dict[tuple[Timeline, int], Item] = {
+            key: assertion.item for key, assertion in world.pending.items()
+        }
         self.past: dict[Timeline, list[Piece]] = {}
-        for told in sorted(world.told, key=lambda told: told.start):
-            if told.counts and told.start < now:
-                ended = (told.ended_by, told.end_cause) if told.ended_by else None
-                piece = Piece(told.start, told.end or now, told.item, told.first_told, ended)
-                self.past.setdefault(told.timeline, []).append(piece)
+        for assertion in sorted(world.assertions, key=lambda assertion: assertion.start):
+            if assertion.counts and assertion.start < now:
+                ended = (assertion.ended_by, assertion.end_cause) if assertion.ended_by else None
+                piece = Piece(assertion.start, assertion.end or now, assertion.item, assertion.first_recorded, ended)
+                self.past.setdefault(assertion.timeline, []).append(piece)
 
     def known(self, line: Timeline) -> list[Piece]:
-        """What is known of a timeline up to now, in order of time; what stands has no end."""
+        """The pieces of a timeline up to now, in order of time; the current one has no end."""
         pieces = list(self.past.get(line, ()))
-        if line in self.standing:
-            item, start = self.standing[line]
+        if line in self.current:
+            item, start = self.current[line]
             if start < self.now:
                 pieces[-1] = replace(pieces[-1], end=FOREVER)
             else:
@@ -57,9 +59,9 @@ class Draft:
     # -- the existence of objects -----------------------------------------------------------------------------
 
     def _trajectory(self, name: object) -> list[tuple[int, Object]]:
-        """What the timeline of an object says from now on, in order of time."""
+        """The assertions of an object's timeline from now on, in order of time."""
         line = ("state", "object", name)
-        trajectory = [(self.now, self.standing[line][0])] if line in self.standing else []
+        trajectory = [(self.now, self.current[line][0])] if line in self.current else []
         trajectory += [(at, item) for (found, at), item in self.pending.items() if found == line]
         return sorted(((at, item) for at, item in trajectory if isinstance(item, Object)), key=lambda entry: entry[0])
 
@@ -72,7 +74,7 @@ class Draft:
         return [(start, end, item.type) for start, end, item in found if isinstance(item, Object) and item.positive]
 
     def lifetimes(self, name: object) -> Spans:
-        """The spans in which an object exists; adjacent ones are one."""
+        """The spans in which an object exists, with adjacent ones joined."""
         return merged([(start, end) for start, end, _ in self.existences(name)])
 
     def type_at(self, name: str, t: int) -> str | None:
@@ -114,14 +116,14 @@ class Draft:
                 return
         if not item.positive:
             return
-        tried = dict(self.pending), dict(self.standing)
+        tried = dict(self.pending), dict(self.current)
         line = timeline("state", item)
         if at > self.now:
             self.pending[line, at] = item
         else:
-            self.standing[line] = (item, at)
+            self.current[line] = (item, at)
         meets = self.types_meet(item.name)
-        self.pending, self.standing = tried
+        self.pending, self.current = tried
         exists = self.type_at(item.name, self.now)
         if at == self.now and exists not in (None, item.type):
             meets = True
@@ -149,9 +151,11 @@ class Draft:
         """Without a domain a symbol keeps the arity of its first use (rule D2)."""
         wanted = {"predicate": Fact, "function": Number}[kind]
         known = {
-            len(told.item.arguments)
-            for told in self.world.told
-            if isinstance(told.item, Fact | Number) and isinstance(told.item, wanted) and told.item.name == name
+            len(assertion.item.arguments)
+            for assertion in self.world.assertions
+            if isinstance(assertion.item, Fact | Number)
+            and isinstance(assertion.item, wanted)
+            and assertion.item.name == name
         }
         if known and len(arguments) not in known:
             yield f"{name} was first used with {known} arguments"

@@ -1,4 +1,4 @@
-"""What can be told to the reference: items of knowledge, and a domain to check them against."""
+"""The reference's items of knowledge, and a domain to check them against."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
@@ -29,7 +29,7 @@ class Object:
 
     @property
     def mentions(self) -> frozenset[str]:
-        """An object does not depend on itself: its own timeline is never ended by itself."""
+        """An object does not depend on itself: its own timeline is never ended by its removal."""
         return frozenset()
 
 
@@ -54,7 +54,7 @@ class Fact:
 
 @dataclass(frozen=True)
 class Number:
-    """The value of a function, or a change of it: `operation` is the word of rule C7 in lower case."""
+    """The value of a function, or a change of it: `operation` is the assign_op of rule C7 in lower case."""
 
     name: str
     arguments: tuple[str, ...] = ()
@@ -73,7 +73,7 @@ class Number:
         return frozenset(self.arguments)
 
     def at(self, start: int, t: int) -> float:
-        """The value at t of what was told at `start` (rule C7, in its order of operations)."""
+        """The value at t of a number asserted at `start` (rule C7, in its order of operations)."""
         return self.value + self.rate * ((t - start) / SECOND) if self.rate else self.value
 
 
@@ -120,7 +120,7 @@ class Comparison:
 
 @dataclass(frozen=True)
 class Condition:
-    """A goal that is neither a fact nor an inequality, as its PDDL text, with the facts that it speaks of."""
+    """A goal that is neither a fact nor an inequality, as its PDDL text, with the facts that it mentions."""
 
     text: str
     facts: tuple[Fact, ...] = field(default=(), compare=False)

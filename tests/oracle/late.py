@@ -1,4 +1,4 @@
-"""What is known of a timeline as a list of pieces in valid time, and how late knowledge edits it (rule L2)."""
+"""A timeline as a list of pieces in valid time, and how late knowledge edits it (rule L2)."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -11,24 +11,27 @@ Spans = list[tuple[int, int]]
 
 @dataclass(frozen=True)
 class Piece:
-    """From `start` to `end` this is known. `first_told` and `ended` are None where it is this transaction's doing."""
+    """An item known to hold from `start` to `end`.
+
+    `first_recorded` and `ended` are None where this transaction records or ends it.
+    """
 
     start: int
     end: int
     item: Item
-    first_told: int | None = None
+    first_recorded: int | None = None
     ended: tuple[int | None, str] | None = None
 
 
 def next_change(pieces: list[Piece], t: int) -> int:
-    """When something begins or ends next after a time."""
+    """The first time after t at which a piece begins or ends."""
     return min((at for piece in pieces for at in (piece.start, piece.end) if at > t), default=FOREVER)
 
 
 def cut(
     pieces: list[Piece], since: int, until: int, cause: str, value: Callable[[Number, int, int], float]
 ) -> list[Piece]:
-    """The pieces with a span left blank. A number that moves goes on from its value at the end of the span."""
+    """Cut a span out of the pieces. A moving number continues from its value at the end of the span."""
     left = []
     for piece in pieces:
         if until <= piece.start or piece.end <= since:
@@ -45,7 +48,7 @@ def cut(
 
 
 def merged(spans: Spans) -> Spans:
-    """Spans in order of time, where adjacent ones are one."""
+    """Spans in order of time, with adjacent ones joined."""
     found: Spans = []
     for start, end in spans:
         if found and found[-1][1] == start:

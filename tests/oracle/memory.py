@@ -1,4 +1,4 @@
-"""The reference's memory: the transactions in their order, and what they answer about any time."""
+"""The reference knowledge base: its transactions in order, and its answers about any time."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -7,12 +7,12 @@ from tests.oracle.corrections import Refused, Update
 from tests.oracle.items import WILDCARD, Fact, Item, Number, Object, matches, timeline
 from tests.oracle.late import FOREVER
 from tests.oracle.overlay import Overlay, expect
-from tests.oracle.world import Told, World
+from tests.oracle.world import Assertion, World
 
 TOLERANCE = 1_000_000_000
 
 Placed = tuple[Item, int]
-"""An item with the time from which on it stands (or will stand)."""
+"""An item with the time from which on it holds."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class Answer:
 
 @dataclass(frozen=True)
 class Difference:
-    """What `diff` says, with items as the reference has them."""
+    """The result of `diff`, in items of the reference."""
 
     became_true: frozenset[Item]
     became_false: frozenset[Item]
@@ -53,7 +53,7 @@ class Difference:
 
 
 Row = tuple[Item, int, int | None, int, int | None, int | None, int | None]
-"""One assertion of a history: item, initial and end time; who told it first, ended, cancelled and superseded it."""
+"""An assertion of a history: item, initial and end time; who first recorded, ended, cancelled and superseded it."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ class Change:
 
 
 class Reference:
-    """A knowledge base that remembers its transactions, and what is believed after each, which nobody changes."""
+    """A knowledge base as a list of transactions, with the world after each, which never changes."""
 
     def __init__(self, use_unknowns: bool = False) -> None:
         self.events: list[Event] = []
@@ -106,14 +106,14 @@ class Reference:
         return changes
 
     def tried(self, event: Event) -> Overlay:
-        """A transaction as it would be, on top of all that came before."""
+        """Apply the updates of an event to a copy of the latest world."""
         overlay = Overlay(self.world(), event.time)
         for update in event.updates:
             overlay.apply(update)
         return overlay
 
     def world(self, until: int = FOREVER, number: int = FOREVER) -> World:
-        """What is believed after the transactions up to a time and a number: a world of the caller's own."""
+        """A copy of the world after the transactions up to a time and a number."""
         past = sum(event.time <= until and event.number <= number for event in self.events)
         return self.worlds[past].copy()
 
@@ -122,9 +122,8 @@ class Reference:
     def state(self, at: int, as_of: int = FOREVER, number: int = FOREVER, clock: int = 0) -> Answer:
         """The state at a time, as believed at the time `as_of`, or after the transaction `number` (rules Q1, Q2).
 
-        What is scheduled and what runs then, and the domain, is what the transactions up to then said: late knowledge
-        does not bear on it. What runs is expected to end as it was meant to, if that lies after the time of asking
-        (rule O3).
+        Schedule, runs and domain are those of the transactions up to then: late knowledge does not change them. A run
+        is expected to end as planned, if its end is after the time of asking (rule O3).
         """
         asked = min(as_of, self.now(clock))
         if number <= self.latest.number:
@@ -138,43 +137,60 @@ class Reference:
         """Every assertion about the state and the goals, in the order of its time, then of its recording (rule Q3)."""
         world = self.world(number=number)
         world.advance(FOREVER)
-        return [_row(told) for told in sorted(world.told, key=lambda told: (told.start, told.recorded))]
+        return [
+            _row(assertion)
+            for assertion in sorted(world.assertions, key=lambda assertion: (assertion.start, assertion.recorded))
+        ]
 
     def changes(self) -> list[Change]:
-        """Each transaction with what it did (rule Q6)."""
+        """Each transaction with its changes (rule Q6)."""
         world = self.world()
         world.advance(FOREVER)
         return [
             Change(
                 event.number,
-                frozenset((told.item, told.start) for told in world.told if told.recorded == event.number),
                 frozenset(
-                    (told.item, told.start)
-                    for told in world.told
-                    if told.ended_by == event.number and told.end == event.time and told.recorded < event.number
+                    (assertion.item, assertion.start)
+                    for assertion in world.assertions
+                    if assertion.recorded == event.number
                 ),
-                frozenset((told.item, told.start) for told in world.told if told.cancelled_by == event.number),
-                frozenset((told.item, told.start) for told in world.told if told.superseded_by == event.number),
+                frozenset(
+                    (assertion.item, assertion.start)
+                    for assertion in world.assertions
+                    if assertion.ended_by == event.number
+                    and assertion.end == event.time
+                    and assertion.recorded < event.number
+                ),
+                frozenset(
+                    (assertion.item, assertion.start)
+                    for assertion in world.assertions
+                    if assertion.cancelled_by == event.number
+                ),
+                frozenset(
+                    (assertion.item, assertion.start)
+                    for assertion in world.assertions
+                    if assertion.superseded_by == event.number
+                ),
             )
             for event in self.events
         ]
 
     def diff(self, t1: int, t2: int) -> Difference:
-        """What is said at t2 and was not at t1, and the reverse (rule Q5)."""
+        """The differences between the states at t1 and at t2 (rule Q5)."""
         before, after = self.state(t1), self.state(t2)
-        told_before, told_after = _said(before), _said(after)
-        lines_after = {timeline("state", item): item for item in told_after}
+        items_before, items_after = _items(before), _items(after)
+        lines_after = {timeline("state", item): item for item in items_after}
         values_before = {(i.name, i.arguments): i.value for i, _ in before.functions if isinstance(i, Number)}
         values_after = {(i.name, i.arguments): i.value for i, _ in after.functions if isinstance(i, Number)}
         goals_before = frozenset(goal for goal, _ in before.goals)
         goals_after = frozenset(goal for goal, _ in after.goals)
         metrics = tuple(getattr(state.metric[0], "text", None) if state.metric else None for state in (before, after))
         return Difference(
-            became_true=frozenset(item for item in told_after - told_before if _positive(item)),
-            became_false=frozenset(item for item in told_after - told_before if not _positive(item)),
+            became_true=frozenset(item for item in items_after - items_before if _positive(item)),
+            became_false=frozenset(item for item in items_after - items_before if not _positive(item)),
             withdrawn=frozenset(
                 item
-                for item in told_before - told_after
+                for item in items_before - items_after
                 if isinstance(item, Object) or timeline("state", item) not in lines_after
             ),
             numbers=frozenset(
@@ -210,48 +226,54 @@ class Reference:
         world = self.world()
         world.advance(at)
         line = timeline("state", fact)
-        stands = [told for told in world.told if told.timeline == line and told.stands_at(at)]
-        if stands:
-            assert isinstance(stands[0].item, Fact)
-            return ("asserted" if stands[0].item.positive else "explicitly false"), stands[0].first_told
-        lines = [told for told in world.told if told.timeline == line]
-        ended = [told for told in lines if not told.superseded_by and told.end is not None and told.end <= at]
-        superseded = [told.superseded_by for told in lines if told.superseded_by and told.start <= at]
+        holding = [assertion for assertion in world.assertions if assertion.timeline == line and assertion.holds_at(at)]
+        if holding:
+            assert isinstance(holding[0].item, Fact)
+            return ("asserted" if holding[0].item.positive else "explicitly false"), holding[0].first_recorded
+        lines = [assertion for assertion in world.assertions if assertion.timeline == line]
+        ended = [
+            assertion
+            for assertion in lines
+            if not assertion.superseded_by and assertion.end is not None and assertion.end <= at
+        ]
+        superseded = [
+            assertion.superseded_by for assertion in lines if assertion.superseded_by and assertion.start <= at
+        ]
         if not ended:
             return ("removed", max(superseded)) if superseded else ("never told", None)
-        last = max(ended, key=lambda told: (told.end or 0, told.start, told.recorded))
+        last = max(ended, key=lambda assertion: (assertion.end or 0, assertion.start, assertion.recorded))
         return ("expired with its instance" if last.end_cause == "object" else "removed"), last.ended_by
 
 
 def answer(then: World, at: int, known: World | None = None) -> Answer:
-    """What a world says at a time: what stands then, and what is scheduled after it.
+    """The state of a world at a time: what holds then, and what is scheduled after it.
 
-    `known` is a later world, which may know of this time by late knowledge; then what stands is what it knows.
+    `known` is a later world, which may have late knowledge of this time; if given, it decides what holds.
     """
     then.advance(at)
     known = known or then
-    stands = [told for told in known.told if told.stands_at(at)]
+    holding = [assertion for assertion in known.assertions if assertion.holds_at(at)]
 
-    def standing(role: str, *kinds: str) -> frozenset[Placed]:
+    def items(role: str, *kinds: str) -> frozenset[Placed]:
         return frozenset(
-            (_valued(known, told, at), told.start)
-            for told in stands
-            if told.timeline[0] == role and (not kinds or told.timeline[1] in kinds)
+            (_valued(known, assertion, at), assertion.start)
+            for assertion in holding
+            if assertion.timeline[0] == role and (not kinds or assertion.timeline[1] in kinds)
         )
 
-    metrics = standing("state", "metric")
+    metrics = items("state", "metric")
     return Answer(
         domain=then.domain.name if then.domain else None,
         instances=frozenset(
-            (item, start) for item, start in standing("state", "object") if isinstance(item, Object) and item.positive
+            (item, start) for item, start in items("state", "object") if isinstance(item, Object) and item.positive
         ),
-        facts=standing("state", "fact"),
-        functions=standing("state", "function"),
-        inequalities=standing("state", "inequality"),
+        facts=items("state", "fact"),
+        functions=items("state", "function"),
+        inequalities=items("state", "inequality"),
         metric=next(iter(metrics), None),
-        goals=standing("goal"),
+        goals=items("goal"),
         timed_knowledge=frozenset(
-            (told.item, start) for (line, start), told in then.pending.items() if line[0] == "state"
+            (assertion.item, start) for (line, start), assertion in then.pending.items() if line[0] == "state"
         ),
         running=frozenset(
             (run.start.action.name, run.start.arguments, run.started, run.start.duration) for run in then.running
@@ -259,21 +281,29 @@ def answer(then: World, at: int, known: World | None = None) -> Answer:
     )
 
 
-def _valued(world: World, told: Told, at: int) -> Item:
-    if isinstance(told.item, Number):
-        return replace(told.item, value=world.value(told.item, told.start, at))
-    return told.item
+def _valued(world: World, assertion: Assertion, at: int) -> Item:
+    if isinstance(assertion.item, Number):
+        return replace(assertion.item, value=world.value(assertion.item, assertion.start, at))
+    return assertion.item
 
 
-def _row(told: Told) -> Row:
-    if told.cancelled_by:
-        return told.item, told.start, told.start, told.recorded, None, told.cancelled_by, None
-    return told.item, told.start, told.end, told.first_told, told.ended_by, None, told.superseded_by
+def _row(assertion: Assertion) -> Row:
+    if assertion.cancelled_by:
+        return assertion.item, assertion.start, assertion.start, assertion.recorded, None, assertion.cancelled_by, None
+    return (
+        assertion.item,
+        assertion.start,
+        assertion.end,
+        assertion.first_recorded,
+        assertion.ended_by,
+        None,
+        assertion.superseded_by,
+    )
 
 
 def _positive(item: Item) -> bool:
     return getattr(item, "positive", True)
 
 
-def _said(state: Answer) -> frozenset[Item]:
+def _items(state: Answer) -> frozenset[Item]:
     return frozenset(item for item, _ in state.instances | state.facts | state.inequalities)

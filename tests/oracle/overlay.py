@@ -1,4 +1,4 @@
-"""One transaction: its updates in their order, on top of what is believed."""
+"""One transaction: its updates in their order, applied to a copy of the world."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
@@ -21,14 +21,14 @@ from tests.oracle.items import (
     Wanted,
     timeline,
 )
-from tests.oracle.telling import Telling
+from tests.oracle.updating import Updating
 from tests.oracle.world import Running, Unsettled, World
 
 Effect = TypeVar("Effect", Fact, Number)
 
 
-class Overlay(Telling):
-    """What would be believed with the updates made so far; `finish` makes it so."""
+class Overlay(Updating):
+    """The world with the updates made so far; `finish` records them."""
 
     def __init__(self, world: World, now: int) -> None:
         super().__init__(world, now)
@@ -38,7 +38,7 @@ class Overlay(Telling):
     # -- updates ----------------------------------------------------------------------------------------------
 
     def apply(self, update: Update) -> None:
-        """Make one update; what is wrong with it is remembered, so that all violations are found."""
+        """Make one update; its violations and failures are collected, so that all are found."""
         self._apply(update)
         if not self.first_error and self.violations:
             self.first_error = "InvalidKnowledge"
@@ -61,8 +61,8 @@ class Overlay(Telling):
                 return
         match update.what, update.item:
             case "clear", None:
-                self.causes.update(dict.fromkeys(self.standing, "cleared"))
-                self.standing.clear()
+                self.causes.update(dict.fromkeys(self.current, "cleared"))
+                self.current.clear()
                 self.pending.clear()
                 self.running = []
             case "replace", None:
@@ -115,7 +115,7 @@ class Overlay(Telling):
         self._begin(start, forced)
 
     def _begin(self, start: Start, forced: frozenset[object] = frozenset()) -> None:
-        """Let an action start that may: what it will do is decided before its at-start effects."""
+        """Start an applicable action: its effects are decided before its at-start effects happen."""
         premises = {fact for fact, _ in start.action.decided_at_start}
         premises |= {flow.at_start for flow in start.action.flows if flow.at_start}
         remembered = frozenset(fact for fact in start.facts(premises) if self._holds(fact))
@@ -160,11 +160,11 @@ class Overlay(Telling):
         """Whether a bound allows a duration, to a nanosecond (rule O7); one that is undefined does not."""
         if isinstance(bound, tuple):
             name, places = bound
-            standing = self.standing.get(timeline("state", Number(name, start.ground(places))))
-            if standing is None:
+            current = self.current.get(timeline("state", Number(name, start.ground(places))))
+            if current is None:
                 return False
-            assert isinstance(standing[0], Number)
-            bound = self.world.value(*standing, self.now)
+            assert isinstance(current[0], Number)
+            bound = self.world.value(*current, self.now)
         over = start.duration - bound * SECOND
         return (comparison == ">=" or over <= 1) and (comparison == "<=" or over >= -1)
 
@@ -199,15 +199,15 @@ class Overlay(Telling):
             self._add("state", item, self.now)
 
     def _holds(self, wanted: Fact) -> bool:
-        standing = self.standing.get(timeline("state", wanted))
-        if standing is None:
+        current = self.current.get(timeline("state", wanted))
+        if current is None:
             return not wanted.positive and not self.world.use_unknowns
-        return standing[0] == wanted
+        return current[0] == wanted
 
     def _load(self, domain: RefDomain) -> None:
-        """Everything that stands or is scheduled must be valid under the new domain (rule D4)."""
+        """Check that all current and scheduled items are valid under the new domain (rule D4)."""
         self.domain = domain
-        entries = [(line, item, self.now) for line, (item, _) in self.standing.items()]
+        entries = [(line, item, self.now) for line, (item, _) in self.current.items()]
         scheduled = [(line, item, at) for (line, at), item in self.pending.items()]
         for _, item, at in entries + scheduled:
             if not isinstance(item, Object):
@@ -222,31 +222,31 @@ class Overlay(Telling):
     # -- the end of the transaction ---------------------------------------------------------------------------
 
     def refuse(self) -> None:
-        """Raise what is wrong with the transaction, if anything is (rule D1: violations come first)."""
+        """Raise the violations of the transaction, else its first failure (rule D1)."""
         if self.violations:
             raise Refused("InvalidKnowledge", "; ".join(self.violations), self.first_error)
         if self.failures:
             raise self.failures[0]
 
     def finish(self, number: int) -> int:
-        """Record what has changed; returns how many timelines that are.
+        """Record the changes; return the number of changed timelines.
 
-        Another domain counts as one more, and so does what runs.
+        Another domain counts as one more, and so do the runs.
         """
         world = self.world
         expected = expected_ends(world) if self.edited else {}
         changed = {line for line in self.edited if self.finish_edited(line, number, expected)}
-        for line in dict.fromkeys([*world.standing, *self.standing]):
-            before, after = world.standing.get(line), self.standing.get(line)
+        for line in dict.fromkeys([*world.current, *self.current]):
+            before, after = world.current.get(line), self.current.get(line)
             if before and after and world.same(before.item, before.start, *after, self.now):
                 continue
             changed.add(line)
             if before:
                 before.end, before.ended_by = self.now, number
                 before.end_cause = "replaced" if after else self.causes[line]
-                del world.standing[line]
+                del world.current[line]
             if after:
-                world.standing[line] = self.record(line, after[0], self.now, number)
+                world.current[line] = self.record(line, after[0], self.now, number)
         for line, at in dict.fromkeys([*world.pending, *self.pending]):
             scheduled, wanted = world.pending.get((line, at)), self.pending.get((line, at))
             if scheduled and wanted and world.same(scheduled.item, at, wanted, at, at):
@@ -269,19 +269,23 @@ class Overlay(Telling):
         reloaded = self.domain != world.domain
         if reloaded:
             world.domains.append((self.now, self.domain))
-        fresh = {line[2:] for line, told in world.standing.items() if line[1] == "function" and told.recorded == number}
+        fresh = {
+            line[2:]
+            for line, assertion in world.current.items()
+            if line[1] == "function" and assertion.recorded == number
+        }
         world.follow(self.now, fresh)
         return len(changed) + reloaded + (running != self.running)
 
 
 def expect(world: World, at: int, asked: int) -> None:
-    """Let time pass until `at`, with the ends of running actions that are expected after the time of asking."""
+    """Let time pass until `at`, with the ends of runs that are expected after the time of asking."""
     world.advance(min(at, asked))
     world.expecting = True
     if at <= asked:
         return
     known = dict(world.totals)
-    world.follow(asked, {line[2:] for line in world.standing if line[1] == "function"})
+    world.follow(asked, {line[2:] for line in world.current if line[1] == "function"})
     if any(rate is None and term not in known for term, rate in world.totals.items()):
         raise Unsettled("what is sensed is expected to move at a rate that is undefined")
     while True:

@@ -46,7 +46,7 @@ def test_a_rate_follows_what_it_reads():
 
 
 def test_without_a_rate_a_number_is_undefined_until_it_is_set():
-    """O5: what is set stands still, and moves from when the rate has a value again."""
+    """O5: a value that is set does not move, until the rate is defined again."""
     kb = reference()
     kb.write(2 * S, [start(FILL, 20)])
     kb.write(3 * S, [Update("remove", number("inflow", 0.0))])
@@ -56,8 +56,8 @@ def test_without_a_rate_a_number_is_undefined_until_it_is_set():
     assert levels(kb, 2, 5, 6, 7) == [0, 5, 5, 7]
 
 
-def test_what_moves_is_not_read():
-    """O5: told, scheduled, or started."""
+def test_a_moving_number_is_not_read():
+    """O5: added, scheduled, or started."""
     kb = reference()
     kb.write(2 * S, [start(FILL, 20)])
     for wrong in (add(number("inflow", 1.0, 1.0)), add(number("inflow", 1.0, 1.0), 9)):
@@ -67,8 +67,8 @@ def test_what_moves_is_not_read():
         kb.write(3 * S, [start(RefAction("grow", (), flows=(Flow(("inflow", ()), 0.0),)), 1)])
 
 
-def test_rates_that_have_been_are_not_made_anew():
-    """L6, L7: the level is told late, and moves at 2 a second; the inflow is told late, and counts from now on."""
+def test_past_rates_are_not_computed_again():
+    """L6, L7: a late level moves at 2 a second; a late inflow counts from now on."""
     kb = reference()
     kb.write(2 * S, [start(FILL, 20)])
     kb.write(5 * S, [add(number("level", 10.0), since=3 * S)])
@@ -93,8 +93,8 @@ def test_an_invariant_that_is_expected_to_break():
     assert truths == [True, False, False, True, True, False]
 
 
-def test_what_is_sensed_is_expected_and_not_written():
-    """O8: the start counts for its invariant until the next assertion; the level moves in what is expected alone."""
+def test_effects_on_sensed_symbols_are_expected_and_not_written():
+    """O8: the start counts for its invariant until the next assertion; the level moves only in forecasts."""
     kb = reference(frozenset({"open", "level"}))
     fill = RefAction("fill", (), invariants=(OPEN,), at_start=(OPEN,), at_end=(SHUT,), flows=FILL.flows)
     kb.write(2 * S, [start(fill, 5)])

@@ -50,7 +50,7 @@ def spans(kb, wanted, until=120, **belief):
     return found
 
 
-def test_the_example_of_the_rule(kb):
+def test_late_values_overlap_as_in_the_example(kb):
     """L2: 1, 9 from 20, 2 from 80; then 7 since 60."""
     kb.write(10, [add(cost(1.0))])
     kb.write(50, [add(cost(2.0))])
@@ -64,8 +64,8 @@ def test_the_example_of_the_rule(kb):
     assert [spans(kb, cost(value), as_of=99) for value in (1.0, 2.0, 9.0)] == [[(10, 50)], [(50, 120)], []]
 
 
-def test_an_event_that_had_been_missed_holds_until_the_next(kb):
-    """L2: until what begins next, or ends next, or its object ends; what is cancelled does not count."""
+def test_a_missed_event_holds_until_the_next(kb):
+    """L2: until the next begin or end on its timeline, or the end of its object; cancelled ones do not count."""
     kb.write(10, [add(OPEN)])
     kb.write(30, [remove(OPEN)])
     kb.write(40, [add(OPEN, at=70), add(SHUT, at=60)])
@@ -82,8 +82,8 @@ def test_an_event_that_had_been_missed_holds_until_the_next(kb):
     assert spans(kb, Fact("open", ("b",))) == [(6, 8), (18, 25)]
 
 
-def test_what_began_at_exactly_that_time_is_replaced(kb):
-    """L2: also an end."""
+def test_an_assertion_that_began_at_that_time_is_replaced(kb):
+    """L2: an end at that time, too."""
     kb.write(10, [add(LIT)])
     kb.write(30, [remove(LIT)])
     kb.write(50, [add(DARK, 10)])
@@ -110,7 +110,7 @@ def test_a_moving_number_goes_on_from_its_value(kb):
 
 
 def test_late_removals(kb):
-    """L3: what matches at since, up to what begins next; with until in the span alone; signs have to match."""
+    """L3: matches at `since`, up to the next begin; with `until` in the span alone; signs have to match."""
     kb.write(10, [add(LIT)])
     kb.write(20, [add(DARK)])
     kb.write(30, [add(LIT)])
@@ -125,8 +125,8 @@ def test_late_removals(kb):
     assert spans(kb, LIT, number=7) == [(10, 12), (40, 120)]
 
 
-def test_patterns_range_over_what_there_was_then(kb):
-    """L3, V7."""
+def test_patterns_range_over_the_objects_of_that_time(kb):
+    """L3, V7: wildcards match the objects of the past."""
     kb.write(10, [add(Object("b", "place")), add(OPEN), add(Fact("open", ("b",)))])
     kb.write(20, [remove(Object("b", "place"))])
     assert kb.write(30, [remove(Fact("open", ("?",)), 15, 18)]) == 2
@@ -134,8 +134,8 @@ def test_patterns_range_over_what_there_was_then(kb):
     assert spans(kb, OPEN) == [(10, 15), (18, 120)]
 
 
-def test_an_object_that_had_gone_leaves_its_time_blank(kb):
-    """L5: what mentions it does not hold there, and again from until on; what is scheduled there is cancelled."""
+def test_facts_do_not_hold_while_their_object_is_removed_late(kb):
+    """L5: its facts do not hold there, and hold again from `until` on; what is scheduled there is cancelled."""
     kb.write(10, [add(OPEN), Update("add_goal", OPEN), add(SHUT, at=90)])
     kb.write(50, [remove(A, 20, 30)])
     assert {start for item, start in kb.state(60).facts if item == OPEN} == {30}
@@ -151,7 +151,7 @@ def test_an_object_that_had_gone_leaves_its_time_blank(kb):
 
 
 def test_late_objects_are_checked(kb):
-    """L5, C6, C8: objects exist at since, and with until throughout; types don't meet."""
+    """L5, C6, C8: objects exist at `since`, and with `until` throughout; types don't meet."""
     kb.write(10, [add(Object("b", "place"))])
     kb.write(20, [remove(Object("b"))])
     kb.write(30, [add(LIT)])
@@ -163,7 +163,7 @@ def test_late_objects_are_checked(kb):
     assert spans(kb, b) == [(12, 20)]
 
 
-def test_each_domain_in_force_is_asked(kb):
+def test_late_items_are_checked_under_each_domain_in_force(kb):
     """L5: a fact that would hold under a domain without its predicate is refused."""
     kb.write(10, [Update("domain", RefDomain("dark", DOMAIN.types, predicates={"open": (("place",),)}))])
     kb.write(20, [Update("domain", DOMAIN)])
@@ -175,7 +175,7 @@ def test_each_domain_in_force_is_asked(kb):
 
 
 def test_times_that_are_refused(kb):
-    """L1."""
+    """L1: spans that are empty, or not in the past."""
     for wrong in (
         *(add(LIT, 41), add(LIT, 30, 30), add(LIT, 30, 41), add(LIT, 40, 41), add(LIT, None, 30), add(LIT, 30, at=41)),
         Update("add_metric", Metric("minimize (cost)", (("cost", ()),)), since=30),
@@ -186,8 +186,8 @@ def test_times_that_are_refused(kb):
     assert kb.write(40, [add(LIT, 40)]) == 0
 
 
-def test_what_was_known_already_changes_nothing(kb):
-    """L8: begun at since with the same value, or holding throughout; any other repetition is recorded."""
+def test_late_knowledge_that_is_known_changes_nothing(kb):
+    """L8: begun at `since` with the same value, or holding throughout; any other repetition is recorded."""
     kb.write(10, [add(LIT)])
     kb.write(50, [remove(LIT)])
     assert kb.write(60, [add(LIT, 10)]) == 0
@@ -205,8 +205,8 @@ def test_what_was_known_already_changes_nothing(kb):
     ]
 
 
-def test_changes_give_what_is_known(kb):
-    """L8, Q6: what was superseded, and what takes its place; an old change stays as it was."""
+def test_changes_list_corrections(kb):
+    """L8, Q6: superseded assertions, and their replacements; an old change stays as it was."""
     kb.write(10, [add(LIT)])
     kb.write(50, [remove(LIT)])
     before = kb.changes()
@@ -229,8 +229,8 @@ def test_the_present_and_the_past_in_one_transaction(kb):
     assert spans(kb, DARK) == [(50, 55), (58, 60)]
 
 
-def test_numbers_move_at_what_runs_had_added(kb):
-    """L6: 4 since 2 s, run from 3 s to 5 s at 10 a second; the increase at 6 s stays what it was."""
+def test_late_numbers_move_at_the_rates_of_past_runs(kb):
+    """L6: 4 since 2 s, run from 3 s to 5 s at 10 a second; the increase at 6 s stays as it was."""
     work = RefAction("work", ("robot",), flows=(Flow(("cost", ()), 10.0),))
     kb.write(1 * S, [add(cost(1.0))])
     kb.write(3 * S, [Update("start", Start(work, ("r",), 9 * S))])
@@ -242,8 +242,8 @@ def test_numbers_move_at_what_runs_had_added(kb):
     ]
 
 
-def test_what_runs_is_aborted_if_its_object_does_not_exist_now(kb):
-    """L5, L7."""
+def test_a_run_is_aborted_if_its_object_does_not_exist_now(kb):
+    """L5, L7: the object is removed late."""
     run = Start(RefAction("work", ("robot",)), ("r",), 90)
     kb.write(10, [Update("start", run)])
     kb.write(30, [remove(R, 15, 20)])
@@ -256,7 +256,7 @@ def test_what_runs_is_aborted_if_its_object_does_not_exist_now(kb):
 @settings(max_examples=40, deadline=None, derandomize=True, database=None, phases=[Phase.generate])
 @given(st.lists(st.tuples(universe.ticks, universe.late_steps, st.booleans()), min_size=4, max_size=14))
 def test_beliefs_never_change(story):
-    """T5, V1: whatever is learned later, and nothing has two values at one time."""
+    """T5, V1: later transactions do not change them, and no timeline has two values at one time."""
     kb = Reference()
     kb.write(1, [Update("domain", universe.ROOMS)])
     kb.write(2, [add(item) for item in (A, R, Object("b", "room"))])
@@ -271,7 +271,7 @@ def test_beliefs_never_change(story):
         seen[kb.latest.number] = [(t, kb.state(t, number=kb.latest.number)) for t in (*range(1, 40, 3), clock)]
         world = kb.world()
         world.advance(clock)
-        lines = [told.timeline for told in world.told if told.stands_at(clock)]
+        lines = [assertion.timeline for assertion in world.assertions if assertion.holds_at(clock)]
         assert len(lines) == len(set(lines))
     for number, states in seen.items():
         for t, state in states:

@@ -21,7 +21,7 @@ from tests.oracle.rooms import DOMAIN, LIT, NEAR, OPEN, A, R, S, add, remove
 
 @pytest.fixture
 def kb():
-    """A reference with the domain at 10, the objects a and r, and two facts about a, all told by 20."""
+    """A reference with the domain at 10, the objects a and r, and two facts about a, all recorded by 20."""
     kb = Reference()
     kb.write(10, [Update("domain", DOMAIN)])
     kb.write(20, [add(A), add(R), add(OPEN), add(NEAR)])
@@ -32,8 +32,8 @@ def facts(kb, at, **belief):
     return {item for item, _ in kb.state(at, **belief).facts}
 
 
-def test_what_is_scheduled_takes_effect_at_its_time(kb):
-    """T4, V1: from its time on it stands, one nanosecond before it does not."""
+def test_a_scheduled_fact_takes_effect_at_its_time(kb):
+    """T4, V1: it holds from its time on, and not one nanosecond before."""
     kb.write(30, [add(LIT, at=50), add(Fact("lit", positive=False), at=60)])
     assert LIT not in facts(kb, 49)
     assert LIT in facts(kb, 50)
@@ -50,7 +50,7 @@ def test_belief_uses_only_what_was_recorded(kb):
     assert (LIT, 50, 50, 3, None, 4, None) in kb.history()
 
 
-def test_a_removed_object_takes_its_facts_with_it(kb):
+def test_removing_an_object_ends_its_facts(kb):
     """C9, C4: facts end at the same time, and do not come back with the object."""
     kb.write(30, [remove(A)])
     kb.write(40, [add(A)])
@@ -60,8 +60,8 @@ def test_a_removed_object_takes_its_facts_with_it(kb):
     assert kb.reason(OPEN, 35) == ("expired with its instance", 3)
 
 
-def test_within_one_transaction_an_object_loses_its_facts_but_not_its_life(kb):
-    """C1: removed and added again is no change of the object, but its facts are lost, unless told again."""
+def test_removing_and_adding_an_object_in_one_transaction_ends_its_facts(kb):
+    """C1: removing and adding it is no change of the object, but its facts end, unless added again."""
     assert kb.write(30, [remove(A), add(A), add(OPEN)]) == 1
     assert facts(kb, 30) == {OPEN}
     assert (OPEN, 20, None, 2, None, None, None) in kb.history()
@@ -69,8 +69,8 @@ def test_within_one_transaction_an_object_loses_its_facts_but_not_its_life(kb):
     assert [row for row in kb.history() if row[0] == A] == [(A, 20, None, 2, None, None, None)]
 
 
-def test_a_scheduled_end_cuts_short_and_its_cancelling_restores(kb):
-    """C9: what the end cut short is restored; what it cancelled stays cancelled."""
+def test_cancelling_a_scheduled_end_restores_what_it_cut_short(kb):
+    """C9: facts that the end cut short are restored; what it cancelled stays cancelled."""
     kb.write(30, [add(Fact("open", ("a",), positive=False), at=80)])
     kb.write(40, [add(Object("a", "place", positive=False), at=60)])
     assert facts(kb, 59) == {OPEN, NEAR}
@@ -81,8 +81,8 @@ def test_a_scheduled_end_cuts_short_and_its_cancelling_restores(kb):
     assert facts(kb, 90, as_of=49) == set()
 
 
-def test_an_end_that_has_passed_is_frozen(kb):
-    """T5, C9: an object that comes back at the very time of its end has lost its facts."""
+def test_a_past_end_cannot_be_undone(kb):
+    """T5, C9: an object that is added again at the time of its end has lost its facts."""
     kb.write(30, [add(Object("a", "place", positive=False), at=40)])
     assert kb.write(40, [add(A)]) == 1
     assert facts(kb, 45) == set()
@@ -91,7 +91,7 @@ def test_an_end_that_has_passed_is_frozen(kb):
 
 
 def test_removal_cancels_only_up_to_the_next_start(kb):
-    """C9: the object's own schedule is left alone, and what speaks of it after its next start."""
+    """C9: the object's own schedule is left alone, and so are mentions after its next start."""
     kb.write(30, [add(Object("a", "place", positive=False), at=50), add(A, at=70), add(LIT, at=55)])
     kb.write(31, [add(OPEN, at=45), add(OPEN, at=75)])
     kb.write(40, [remove(A)])
@@ -136,7 +136,7 @@ def test_rates_and_relative_changes(kb):
         kb.write(6 * S, [add(Number("cost", (), 1.0, operation="increase"))])
 
 
-def test_the_last_word_of_a_transaction_counts(kb):
+def test_the_last_update_of_a_timeline_counts(kb):
     """C1, C2: adding and removing again is no change and takes no number."""
     assert kb.write(30, [add(LIT), remove(LIT)]) == 0
     assert kb.write(30, [remove(OPEN), add(OPEN)]) == 0
@@ -168,7 +168,7 @@ def test_clear_ends_and_cancels_everything(kb):
     assert kb.write(41, [Update("clear")]) == 0
 
 
-def test_goals_live_on_timelines_of_their_own(kb):
+def test_goals_have_separate_timelines(kb):
     """C10, C9: a goal is not a fact, and ends with its objects."""
     kb.write(30, [Update("add_goal", Fact("open", ("a",), positive=False)), Update("add_goal", LIT)])
     kb.write(40, [remove(A)])
@@ -177,8 +177,8 @@ def test_goals_live_on_timelines_of_their_own(kb):
     assert kb.diff(35, 40).goals_removed == {Fact("open", ("a",), positive=False)}
 
 
-def test_validation_names_the_time_of_the_item(kb):
-    """D1: each argument exists at the item's time and is of the type; a later item may rely on an earlier one."""
+def test_validation_is_at_the_time_of_the_item(kb):
+    """D1: each argument exists at the item's time with a type that fits; a later item may use an earlier one."""
     with pytest.raises(Refused, match="InvalidKnowledge"):
         kb.write(30, [add(Fact("open", ("b",)), at=50)])
     kb.write(30, [add(Object("b", "room"), at=40), add(Fact("open", ("b",)), at=40)])
@@ -190,7 +190,7 @@ def test_validation_names_the_time_of_the_item(kb):
 
 
 def test_a_domain_that_does_not_fit_is_refused(kb):
-    """D4: a standing fact needs its predicate, an object may not become a constant."""
+    """D4: a current fact needs its predicate, and an object may not become a constant."""
     with pytest.raises(Refused, match="InvalidKnowledge"):
         kb.write(30, [Update("domain", RefDomain("less", types=DOMAIN.types, predicates={"lit": ()}))])
     with pytest.raises(Refused, match="InvalidKnowledge"):
@@ -200,7 +200,7 @@ def test_a_domain_that_does_not_fit_is_refused(kb):
 
 
 def test_differences(kb):
-    """Q5: what was said, compared; an object of another type was withdrawn and became true."""
+    """Q5: assertions are compared; an object of another type was withdrawn and became true."""
     kb.write(30, [remove(A), add(Fact("open", ("home",), positive=False)), add(Comparison("(> (cost) 1)"))])
     kb.write(40, [add(Object("a", "robot")), add(Number("cost", (), 4.0))])
     difference = kb.diff(25, 40)
@@ -219,15 +219,15 @@ def test_a_clock_far_behind_is_refused(kb):
         kb.write(1 * S - 1, [add(LIT)])
 
 
-def test_without_a_domain_a_removal_cancels_also_what_is_told_of_the_time_after_an_end():
+def test_without_a_domain_a_removal_cancels_up_to_the_next_start():
     """C9: up to the next start, whether the object would have existed then or not."""
     kb = Reference()
     kb.write(10, [add(A), add(Object("a", "place", positive=False), at=20), add(OPEN, at=30)])
     assert kb.write(15, [remove(A)]) == 2
 
 
-def test_the_end_of_what_does_not_exist_changes_nothing_else(kb):
-    """C9: it is recorded; with another type than the object has, not even that (C4)."""
+def test_the_end_of_an_absent_object_changes_nothing_else(kb):
+    """C9, C4: it is recorded; with another type than the object has, not even that."""
     assert kb.write(30, [add(Object("b", "place", positive=False), at=50)]) == 1
     assert kb.write(30, [add(Object("a", "robot", positive=False), at=50)]) == 0
 
@@ -244,8 +244,8 @@ DRIVE = RefAction(
 START = Start(DRIVE, ("r",), 10 * S)
 
 
-def test_what_runs_moves_its_functions_until_it_ends(kb):
-    """O3: contributions begin and end with the action; the expected end is reckoned, and never becomes the past."""
+def test_a_run_moves_its_functions_until_it_ends(kb):
+    """O3: contributions begin and end with the action; the expected end is computed, and never becomes the past."""
     kb.write(1 * S, [add(LIT), add(Number("load", ("r",), 80.0)), add(Number("cost", (), 0.0))])
     kb.write(2 * S, [Update("start", START)])
 
@@ -263,8 +263,8 @@ def test_what_runs_moves_its_functions_until_it_ends(kb):
         kb.write(17 * S, [Update("end", START)])
 
 
-def test_what_the_start_decides_happens_at_the_end(kb):
-    """O2, O3: by what was true before the at-start effects, whatever is true at the end."""
+def test_effects_decided_at_the_start_happen_at_the_end(kb):
+    """O2, O3: by the facts before the at-start effects, whatever is true at the end."""
     dark = Fact("lit", positive=False)
     act = RefAction(
         "watch",
@@ -284,8 +284,8 @@ def test_what_the_start_decides_happens_at_the_end(kb):
     assert facts(kb, 5 * S) == {OPEN, NEAR, LIT}
 
 
-def test_what_runs_is_aborted_with_its_object(kb):
-    """O3, C12: at its end, whether scheduled or told."""
+def test_a_run_is_aborted_with_its_object(kb):
+    """O3, C12: when the object ends, by the schedule or by a removal."""
     kb.write(1 * S, [add(LIT), add(Number("load", ("r",), 80.0)), add(Number("cost", (), 0.0))])
     kb.write(2 * S, [Update("start", START)])
     kb.write(3 * S, [add(Object("r", "robot", positive=False), at=5 * S)])

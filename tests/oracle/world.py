@@ -1,4 +1,4 @@
-"""What is believed after some transactions, and what becomes of it as time passes."""
+"""The world after some transactions, and how it changes as time passes."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
@@ -23,10 +23,10 @@ from tests.oracle.items import (
 
 
 class Unsettled(Exception):
-    """The rules do not say what this transaction does, so that nothing can be expected of it."""
+    """The rules do not define the result of this transaction, so nothing can be expected of it."""
 
 
-Mutable = TypeVar("Mutable", "Told", "Running")
+Mutable = TypeVar("Mutable", "Assertion", "Running")
 
 
 def _twin(one: Mutable) -> Mutable:
@@ -37,10 +37,10 @@ def _twin(one: Mutable) -> Mutable:
 
 
 @dataclass(eq=False)
-class Told:
+class Assertion:
     """One assertion. `end` and its cause are None while nothing has ended it.
 
-    `first_told` is the transaction that told it first, where this is what late knowledge has left of an assertion.
+    `first_recorded` is the transaction that first recorded it, where this is a part that late knowledge has left.
     """
 
     timeline: Timeline
@@ -52,18 +52,18 @@ class Told:
     end_cause: str = ""
     cancelled_by: int | None = None
     superseded_by: int | None = None
-    first_told: int = 0
+    first_recorded: int = 0
 
     def __post_init__(self) -> None:
-        self.first_told = self.first_told or self.recorded
+        self.first_recorded = self.first_recorded or self.recorded
 
     @property
     def counts(self) -> bool:
-        """Whether it is part of what is known now, of some time (rules V1, L8)."""
+        """Whether it is part of what is known now about some time (rules V1, L8)."""
         return not self.cancelled_by and not self.superseded_by and self.end != self.start
 
-    def stands_at(self, t: int) -> bool:
-        """Whether it is what is known of a time that has come."""
+    def holds_at(self, t: int) -> bool:
+        """Whether it holds at t, a time that has come."""
         return self.counts and self.start <= t and (self.end is None or t < self.end)
 
 
@@ -71,8 +71,8 @@ class Told:
 class Running:
     """A durative action that runs, or ran until `ended`.
 
-    `decided` are the effects that its start decided upon, `remembered` the facts that were true before it. `unwritten`
-    are the at-start effects on what is sensed. `pieces` are the rates that it had, each from a time on.
+    `decided` are the effects decided at its start, `remembered` the facts that were true before it. `unwritten` are the
+    at-start effects on sensed symbols. `pieces` are the rates that it had, each from a time on.
     """
 
     start: Start
@@ -107,15 +107,15 @@ class Running:
 
 @dataclass
 class World:
-    """What stands and what is scheduled; `told` remembers every assertion in the order of recording.
+    """What holds and what is scheduled; `assertions` has every assertion in the order of recording.
 
-    `runs` are the actions that run or ran; `expecting` is whether the time that passes lies ahead. `totals` are the
-    rates that what runs adds to functions, where one is undefined None.
+    `runs` are all runs, ended or not; `expecting` is whether time passes in a forecast. `totals` are the rates that
+    runs add to functions, None where one is undefined.
     """
 
-    told: list[Told] = field(default_factory=list)
-    standing: dict[Timeline, Told] = field(default_factory=dict)
-    pending: dict[tuple[Timeline, int], Told] = field(default_factory=dict)
+    assertions: list[Assertion] = field(default_factory=list)
+    current: dict[Timeline, Assertion] = field(default_factory=dict)
+    pending: dict[tuple[Timeline, int], Assertion] = field(default_factory=dict)
     runs: list[Running] = field(default_factory=list)
     domains: list[tuple[int, RefDomain | None]] = field(default_factory=lambda: [(0, None)])
     use_unknowns: bool = False
@@ -124,11 +124,11 @@ class World:
 
     def copy(self) -> "World":
         """An equal world, which may change without changing this one."""
-        twins = {told: _twin(told) for told in self.told}
+        twins = {assertion: _twin(assertion) for assertion in self.assertions}
         return World(
             list(twins.values()),
-            {line: twins[told] for line, told in self.standing.items()},
-            {key: twins[told] for key, told in self.pending.items()},
+            {line: twins[assertion] for line, assertion in self.current.items()},
+            {key: twins[assertion] for key, assertion in self.pending.items()},
             [_twin(run) for run in self.runs],
             list(self.domains),
             self.use_unknowns,
@@ -147,7 +147,7 @@ class World:
         return [run for run in self.runs if run.ended is None]
 
     def value(self, number: Number, start: int, t: int) -> float:
-        """The value at t of a function that was told at `start`, with what running actions add (rules C7, O3)."""
+        """The value at t of a function asserted at `start`, with the contributions of runs (rules C7, O3)."""
         term = number.name, number.arguments
         return number.at(start, t) + float(sum(run.moved(term, start, t) for run in self.runs))
 
@@ -162,29 +162,34 @@ class World:
         As an over-all condition of a run, with its at-start effects on what is sensed (rule O8).
         """
         if isinstance(wanted, Limit):
-            number = self._said(("state", "function", wanted.name, wanted.arguments), t)
+            number = self._assertion_at(("state", "function", wanted.name, wanted.arguments), t)
             if number is None:
                 return None
             assert isinstance(number.item, Number)
             return wanted.allows(self.exact(number.item, number.start, t))
         line = timeline("state", wanted)
-        if run and any(told.timeline == line and told.counts and run.started < told.start <= t for told in self.told):
+        if run and any(
+            assertion.timeline == line and assertion.counts and run.started < assertion.start <= t
+            for assertion in self.assertions
+        ):
             run = None
         signs = [fact.positive for fact in (run.unwritten if run else ()) if timeline("state", fact) == line]
         if signs:
             return any(signs) == wanted.positive
-        told = self._said(line, t)
-        if told is None:
+        assertion = self._assertion_at(line, t)
+        if assertion is None:
             return None if self.use_unknowns else not wanted.positive
-        return told.item == wanted
+        return assertion.item == wanted
 
-    def _said(self, line: Timeline, t: int) -> Told | None:
-        return next((told for told in self.told if told.timeline == line and told.stands_at(t)), None)
+    def _assertion_at(self, line: Timeline, t: int) -> Assertion | None:
+        return next(
+            (assertion for assertion in self.assertions if assertion.timeline == line and assertion.holds_at(t)), None
+        )
 
     # -- continuous effects (rule O5) -------------------------------------------------------------------------
 
     def active_flows(self, run: Running, t: int) -> list[Flow]:
-        """The continuous effects of a run that act at a time, with its objects in their places."""
+        """The continuous effects of a run that act at a time, with its arguments substituted."""
         found = []
         for flow in run.start.action.flows:
             condition, at_start = (
@@ -203,33 +208,33 @@ class World:
         )
 
     def _now_holds(self, wanted: Fact) -> bool:
-        told = self.standing.get(timeline("state", wanted))
-        if told is None:
+        assertion = self.current.get(timeline("state", wanted))
+        if assertion is None:
             return not wanted.positive and not self.use_unknowns
-        return told.item == wanted
+        return assertion.item == wanted
 
     def _rate(self, flow: Flow, t: int) -> float | None:
         values = {}
         for name, arguments in flow.reads:
-            told = self.standing.get(("state", "function", name, arguments))
-            if told is None:
+            assertion = self.current.get(("state", "function", name, arguments))
+            if assertion is None:
                 return None
-            assert isinstance(told.item, Number)
-            values[name, arguments] = self.value(told.item, told.start, t)
+            assert isinstance(assertion.item, Number)
+            values[name, arguments] = self.value(assertion.item, assertion.start, t)
         rate = flow.rate + sum(factor * values[term] for factor, term in flow.factors)
         if flow.divisor is None:
             return rate
         return rate / values[flow.divisor] if values[flow.divisor] else None
 
     def lacks_a_number(self, flow: Flow, run: Running, t: int) -> bool:
-        """Whether a continuous effect, were it to act, has no rate, or nothing to move."""
+        """Whether a continuous effect, were it to act, has no rate, or no number to move."""
         grounded = self._grounded(flow, run)
-        return ("state", "function", *grounded.term) not in self.standing or self._rate(grounded, t) is None
+        return ("state", "function", *grounded.term) not in self.current or self._rate(grounded, t) is None
 
     def follow(self, t: int, fresh: Iterable[Term] = ()) -> None:
-        """Let what runs move numbers at the rates of now; without a rate a number becomes undefined, unless `fresh`.
+        """Let runs move numbers at the rates of now; without a rate a number becomes undefined, unless `fresh`.
 
-        What is sensed is moved in what is expected only (rule O8).
+        Sensed numbers are moved only in a forecast (rule O8).
         """
         sensed = self.domain.sensed if self.domain and not self.expecting else frozenset()
         before, self.totals = self.totals, {}
@@ -243,13 +248,13 @@ class World:
                         sums[flow.term] = None if known is None or rate is None else known + rate
             run.pieces = (*(piece for piece in run.pieces if piece[0] < t), (t, rates))
         for term, total in self.totals.items():
-            told = self.standing.get(("state", "function", *term))
-            if total is None and before.get(term, 0.0) is not None and term not in set(fresh) and told:
-                del self.standing[told.timeline]
-                told.end, told.end_cause = t, "run"
+            assertion = self.current.get(("state", "function", *term))
+            if total is None and before.get(term, 0.0) is not None and term not in set(fresh) and assertion:
+                del self.current[assertion.timeline]
+                assertion.end, assertion.end_cause = t, "run"
 
     def reads_what_moves(self, now: int) -> bool:
-        """Whether a rate reads a number that moves, now or by what is scheduled."""
+        """Whether a rate reads a number that moves, now or by the schedule."""
         if not any(flow.reads for run in self.running for flow in run.start.action.flows):
             return False
         ahead = self.copy()
@@ -258,15 +263,15 @@ class World:
             ahead.advance(t)
             flows = [flow for run in ahead.running for flow in ahead.active_flows(run, t)]
             moving = {flow.term for flow in flows}
-            for told in (*ahead.standing.values(), *ahead.pending.values()):
-                if isinstance(told.item, Number) and told.item.rate:
-                    moving.add((told.item.name, told.item.arguments))
+            for assertion in (*ahead.current.values(), *ahead.pending.values()):
+                if isinstance(assertion.item, Number) and assertion.item.rate:
+                    moving.add((assertion.item.name, assertion.item.arguments))
             if any(term in moving for flow in flows for term in flow.reads):
                 return True
         return False
 
     def same(self, one: Item, one_start: int, other: Item, other_start: int, t: int) -> bool:
-        """Whether two items of one timeline say the same at t (rule C2)."""
+        """Whether two items of one timeline are equal at t (rule C2)."""
         if isinstance(one, Number) and isinstance(other, Number):
             values = self.value(one, one_start, t), self.value(other, other_start, t)
             return values[0] == values[1] and one.rate == other.rate
@@ -278,34 +283,38 @@ class World:
             self._take_effect(moment)
 
     def _take_effect(self, moment: int) -> None:
-        due = [told for (_, start), told in self.pending.items() if start == moment]
-        for told in due:
-            del self.pending[told.timeline, moment]
-        for told in due:
-            if self._ends_an_object(told):
-                self._end_dependents(told)
-        for told in due:
-            before = self.standing.get(told.timeline)
+        due = [assertion for (_, start), assertion in self.pending.items() if start == moment]
+        for assertion in due:
+            del self.pending[assertion.timeline, moment]
+        for assertion in due:
+            if self._ends_an_object(assertion):
+                self._end_dependents(assertion)
+        for assertion in due:
+            before = self.current.get(assertion.timeline)
             if before:
-                before.end, before.ended_by, before.end_cause = moment, told.recorded, "replaced"
-            self.standing[told.timeline] = told
-        self.follow(moment, {told.timeline[2:] for told in due if told.timeline[:2] == ("state", "function")})
+                before.end, before.ended_by, before.end_cause = moment, assertion.recorded, "replaced"
+            self.current[assertion.timeline] = assertion
+        self.follow(
+            moment, {assertion.timeline[2:] for assertion in due if assertion.timeline[:2] == ("state", "function")}
+        )
 
-    def _ends_an_object(self, told: Told) -> bool:
-        before = self.standing.get(told.timeline)
+    def _ends_an_object(self, assertion: Assertion) -> bool:
+        before = self.current.get(assertion.timeline)
         return (
-            isinstance(told.item, Object)
-            and not told.item.positive
+            isinstance(assertion.item, Object)
+            and not assertion.item.positive
             and before is not None
             and isinstance(before.item, Object)
             and before.item.positive
         )
 
-    def _end_dependents(self, ending: Told) -> None:
+    def _end_dependents(self, ending: Assertion) -> None:
         assert isinstance(ending.item, Object)
-        for told in [told for told in self.standing.values() if ending.item.name in told.item.mentions]:
-            del self.standing[told.timeline]
-            told.end, told.ended_by, told.end_cause = ending.start, ending.recorded, "object"
+        for assertion in [
+            assertion for assertion in self.current.values() if ending.item.name in assertion.item.mentions
+        ]:
+            del self.current[assertion.timeline]
+            assertion.end, assertion.ended_by, assertion.end_cause = ending.start, ending.recorded, "object"
         for run in self.running:
             if ending.item.name in run.start.arguments:
                 if not self.expecting:

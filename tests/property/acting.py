@@ -1,6 +1,6 @@
-"""A knowledge base and the naive reference in which actions run: told the same, and compared.
+"""A knowledge base and the naive reference with running actions: given the same updates, and compared.
 
-Values are compared to six decimals: in which order the contributions of what runs add up is not laid down.
+Values are compared to six decimals, as the order of adding the contributions of runs is not specified.
 """
 
 from contextlib import suppress
@@ -14,25 +14,25 @@ from tests.property import translation
 
 
 def comparable(answer):
-    """An answer without what the rules leave open about moving functions: since when, with which rate, and rounding."""
+    """An answer without the details of moving functions that the rules leave open: initial time, rate, and rounding."""
     values = frozenset((replace(item, value=round(item.value, 6), rate=0.0), 0) for item, _ in answer.functions)
     return replace(answer, functions=values)
 
 
 def received(state):
-    """A state of kbstore with what runs in it."""
+    """A state of kbstore with its runs."""
     running = frozenset((run.operator, run.arguments, run.started, run.duration) for run in state.running)
     return comparable(replace(translation.answer(state), running=running))
 
 
 class ActingAgreement:
-    """One knowledge base and its reference, told the same.
+    """One knowledge base and its reference, given the same updates.
 
     Args:
-        kb: the knowledge base; nothing is in it.
+        kb: the knowledge base, empty.
         clock: its clock.
         domain, actions: loaded first.
-        sensed: the names of what is sensed.
+        sensed: the names of sensed symbols.
     """
 
     def __init__(self, kb, clock, domain, actions, *, sensed=frozenset()):
@@ -52,7 +52,7 @@ class ActingAgreement:
         return self.reference.now(self.clock.now())
 
     def write(self, update):
-        """Make one update in both, which refuse the same, and compare what they have now."""
+        """Make one update in both; they refuse the same, and are compared afterwards."""
         try:
             changes = self.reference.write(self.clock.now(), [update])
         except Unsettled:
@@ -94,7 +94,7 @@ class ActingAgreement:
                 self.compare(at, as_of=transaction)
 
     def compare(self, at, as_of=None):
-        # what the rules leave open (two things expected for one time) is not compared
+        # results that the rules leave open (two expected changes at one time) are not compared
         with suppress(Unsettled):
             if as_of is None:
                 expected = self.reference.state(at, clock=self.clock.now())

@@ -1,7 +1,7 @@
 """Random stories of actions whose rates change, whose invariants break and whose effects are sensed (O3, O5 to O8).
 
-Everything happens at quarters of a second, and all numbers are small, so that sums are exact. What kbstore answers is
-compared with the naive reference at every event and one nanosecond to each side of it.
+Everything happens at quarters of a second, and all numbers are small, so that sums are exact. The answers of kbstore
+are compared with the naive reference at every event and one nanosecond to each side of it.
 """
 
 from contextlib import suppress
@@ -103,7 +103,7 @@ changes = st.builds(
     st.just(0.0),
     st.sampled_from(["increase", "decrease", "assign_cts"]),
 )
-told = weighted(
+writes = weighted(
     (3, facts.map(lambda item: Update("add", item))),
     (1, facts.map(lambda item: Update("remove", item))),
     (5, numbers.map(lambda item: Update("add", item))),
@@ -113,9 +113,9 @@ told = weighted(
 names = st.sampled_from([action.name for action in ACTIONS])
 lengths = st.integers(1, 12)
 steps = weighted(
-    (3, st.tuples(st.just("tell"), told)),
-    (3, st.tuples(st.just("schedule"), told, lengths)),
-    (4, st.tuples(st.just("late"), told, lengths, st.one_of(st.none(), st.integers(1, 6)))),
+    (3, st.tuples(st.just("write"), writes)),
+    (3, st.tuples(st.just("schedule"), writes, lengths)),
+    (4, st.tuples(st.just("late"), writes, lengths, st.one_of(st.none(), st.integers(1, 6)))),
     (
         5,
         st.tuples(
@@ -133,7 +133,7 @@ beginnings = st.tuples(st.booleans(), st.frozensets(st.sampled_from(["open", "ca
 
 
 class Acting(ActingAgreement):
-    """A knowledge base and its reference, doing the same."""
+    """A knowledge base and its reference, given the same updates."""
 
     def __init__(self, kb, clock, sensed):
         clock.set(BEGIN)
@@ -151,7 +151,7 @@ class Acting(ActingAgreement):
     def step(self, tick, what, *rest):
         self.clock.advance(tick * QUARTER)
         match what, rest:
-            case "tell", (update,):
+            case "write", (update,):
                 self.write(update)
             case "schedule", (update, ahead):
                 self.write(replace(update, at=self.now + ahead * QUARTER))
@@ -182,11 +182,11 @@ class Acting(ActingAgreement):
     # -- comparing --------------------------------------------------------------------------------------------
 
     def moments(self):
-        """Every time at which something happened or is to happen."""
+        """Every time of a past or a scheduled event."""
         world = self.reference.world()
         found = {event.time for event in self.reference.events} | {self.now, self.now + 20 * QUARTER}
-        for told in world.told:
-            found |= {told.start, told.start if told.end is None else told.end}
+        for each in world.assertions:
+            found |= {each.start, each.start if each.end is None else each.end}
         return sorted(found | {run.expected_end for run in world.runs})
 
     def times(self):
@@ -199,7 +199,7 @@ class Acting(ActingAgreement):
         self._compare_runs(times)
 
     def _world(self, at):
-        """What is known now of a time, or expected of it."""
+        """The state known now of a time, or expected of it."""
         world = self.reference.world()
         if at > self.now:
             expect(world, at, self.now)
@@ -219,7 +219,7 @@ class Acting(ActingAgreement):
                     assert any(since <= t < until for since, until in spans) == expected, (wanted, t, spans)
 
     def _compare_runs(self, times):
-        """Q8, O6, O7: what ran, how it ended, and when its invariants were not true."""
+        """Q8, O6, O7: all runs, how they ended, and when their invariants were not true."""
         given = self.kb.runs()
         world = self.reference.world()
         world.advance(self.now)
@@ -258,7 +258,7 @@ class Acting(ActingAgreement):
                 assert all(found.until is not None or other.ended is None for found in broken)
 
 
-def test_what_acts_in_the_store_and_in_the_reference(open_kb):
+def test_random_actions_agree_with_the_reference(open_kb):
     """O3, O5 to O8, L6, L7, Q4, Q8: at every event, and one nanosecond to each side."""
 
     @settings(SETTINGS, max_examples=EXAMPLES or 15)

@@ -1,4 +1,4 @@
-"""Random transactions in kbstore and in the naive reference: both answer the same about every time.
+"""Random transactions in kbstore and in the naive reference: both give the same answers about every time.
 
 Usually some sequences of transactions are tried on each store, the same on each run, and a failure is shown as it was
 found. KBSTORE_TEST_EXAMPLES asks for more: new ones on each run, and a failure is made as short as possible, which
@@ -50,7 +50,7 @@ UPDATE_TYPES = {
 
 
 class Agreement(RuleBasedStateMachine):
-    """One knowledge base and its reference, told the same."""
+    """One knowledge base and its reference, given the same updates."""
 
     def __init__(self, open_kb, *, reopens):
         super().__init__()
@@ -122,8 +122,8 @@ class Agreement(RuleBasedStateMachine):
         self.clock.advance(tick)
         world = self.reference.world()
         world.advance(self._now())
-        standing = universe.state_items(world, self._now())
-        items = [item for place, item in enumerate(standing) if place in kept]
+        current = universe.state_items(world, self._now())
+        items = [item for place, item in enumerate(current) if place in kept]
         self._write([Update("replace", items=(*items, *added, *wrong))], "replace")
 
     @rule(tick=universe.ticks, domain=st.sampled_from(universe.DOMAINS))
@@ -224,7 +224,7 @@ class Agreement(RuleBasedStateMachine):
         return [universe.update(step, world, self._now()) for step in steps]
 
     def _invalid(self, updates):
-        """Whether something else than the clock is wrong with a transaction, in which case either may be said."""
+        """Whether a transaction has another error than the clock's, in which case either may be raised."""
         try:
             overlay = self.reference.tried(Event(0, self._now(), tuple(updates)))
         except Unsettled:
@@ -262,7 +262,7 @@ class Agreement(RuleBasedStateMachine):
         except Unsettled:
             return
         except Refused as refusal:
-            # in a transaction of several calls, the first call that something is wrong with raises at once
+            # in a transaction of several calls, the first invalid call raises at once
             with pytest.raises(getattr(kbstore, refusal.first if how == "transaction" else refusal.error)):
                 self._perform(updates, how)
             assert translation.answer(self.kb.state(self._now())) == self.reference.state(self._now())
@@ -281,7 +281,7 @@ class Agreement(RuleBasedStateMachine):
         items = [None if update.item is None else translation.sent(update.item) for update in updates]
         if how == "one":
             (update,) = updates
-            return _tell(self.kb, update, items[0])
+            return _update(self.kb, update, items[0])
         timed = [
             item if isinstance(item, str) or not update.at else item.model_copy(update={"initial_time": update.at})
             for item, update in zip(items, updates, strict=True)
@@ -293,12 +293,12 @@ class Agreement(RuleBasedStateMachine):
                 if update.what == "clear":
                     tx.clear()
                 else:
-                    _tell(tx, update, item)
+                    _update(tx, update, item)
                 self._compare_own_writes(tx, updates[:done])
         return tx.result
 
     def _compare_own_writes(self, tx, updates):
-        """Inside a transaction its own writes are seen, as long as nothing is wrong with them."""
+        """Inside a transaction its own writes are seen, as long as none of them is invalid."""
         past = self.reference.before(self.next_number)
         now = past.now(self.clock.now())
         overlay = past.tried(Event(past.latest.number + 1, now, tuple(updates)))
@@ -338,7 +338,7 @@ class Agreement(RuleBasedStateMachine):
                 assert self.seen.setdefault(at, given) == given, f"the past changed: the state at {at}"
 
     def _times(self):
-        """Every time at which something happens, one nanosecond to each side, and between."""
+        """The time of every event, one nanosecond to each side, and between."""
         moments = {START, self._now(), self._now() + 1}
         for _, start, end, *_ in self.reference.history():
             moments |= {start, start if end is None else end}
@@ -364,27 +364,27 @@ class Agreement(RuleBasedStateMachine):
             assert translation.difference(self.kb.diff(first, second)) == self.reference.diff(first, second)
 
     def _compare_histories(self):
-        """The history of each fact, function, object, inequality and the metric that was ever told."""
-        roles = {told.timeline: [] for told in self._told()}
-        for told, expected in zip(self._told(), self.reference.history(), strict=True):
-            roles[told.timeline].append(expected)
+        """Compare the history of each fact, function, object, inequality and the metric that was ever asserted."""
+        roles = {assertion.timeline: [] for assertion in self._assertions()}
+        for assertion, expected in zip(self._assertions(), self.reference.history(), strict=True):
+            roles[assertion.timeline].append(expected)
         for line, rows in roles.items():
             item = rows[0][0]
             if line[0] == "state" and (not isinstance(item, Fact | Number) or self._known(item, self._now())):
                 given = [translation.row(assertion) for assertion in self.kb.history(translation.pattern(item))]
                 assert given == rows, line
 
-    def _told(self):
+    def _assertions(self):
         world = self.reference.world()
         world.advance(2**63 - 1)
-        return sorted(world.told, key=lambda told: (told.start, told.recorded))
+        return sorted(world.assertions, key=lambda assertion: (assertion.start, assertion.recorded))
 
 
-def _tell(teller, update, item):
+def _update(writer, update, item):
     """Make an update by the method of a knowledge base or of a transaction."""
     if update.since is None and update.until is None:
-        return getattr(teller, update.what)(item, initial_time=update.at)
-    method = getattr(teller, update.what.removesuffix("_metric"))
+        return getattr(writer, update.what)(item, initial_time=update.at)
+    method = getattr(writer, update.what.removesuffix("_metric"))
     return method(item, initial_time=update.at, since=update.since, until=update.until)
 
 

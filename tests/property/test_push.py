@@ -1,7 +1,7 @@
 """Random stories with late knowledge, pushed in random portions: the copy agrees with the naive reference.
 
-After the story everything that is compared about a knowledge base is asked of its copy: every state as of every time
-and transaction, the histories, the changes and the differences (L1 to L9, T5, Q1 to Q6).
+After the story the copy is asked everything that is compared about a knowledge base: every state as of every time and
+transaction, the histories, the changes and the differences (L1 to L9, T5, Q1 to Q6).
 """
 
 from hypothesis import given, settings
@@ -23,13 +23,13 @@ from tests.property.test_model import EXAMPLES, SETTINGS
     chunk=st.sampled_from([1, 3, 10_000]),
 )
 def test_a_copy_answers_as_the_reference(monkeypatch, use_unknowns, with_domain, story, portions, chunk):
-    """Whatever was told, in whatever portions it was pushed."""
+    """Q1 to Q6: after any story, pushed in any portions."""
     monkeypatch.setattr(pushing, "CHUNK", chunk)
     source, target = make_engine("sqlite://"), make_engine("sqlite://")
     both = LateAgreement(lambda **options: kbstore.open(source, "kenny", **options), reopens=False)
     both.begin(use_unknowns, with_domain, furnished=True)
     for number, (tick, steps) in enumerate(story):
-        both.tell(tick, steps)
+        both.update(tick, steps)
         if number in portions:
             kbstore.push(both.kb, target)
     kbstore.push(both.kb, target)

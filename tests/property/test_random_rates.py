@@ -28,7 +28,7 @@ ACTIONS = ("fill", "leak", "boost")
 
 @dataclass
 class Story:
-    """What has been told, by transactions at half seconds; answers by adding up from the beginning."""
+    """The transactions of a story, at half seconds; answers by adding up from the beginning."""
 
     events: list[tuple[int, str, object]] = field(default_factory=list)
 
@@ -47,26 +47,26 @@ class Story:
                     if end == t:
                         del running[name]
                         inflow, is_open = (1.0, True) if name == "boost" else (inflow, is_open)
-            for time, what, told in events:
+            for time, what, given_ in events:
                 if time != t:
                     continue
                 if what in ("level", "inflow"):
-                    level, inflow = (told, inflow) if what == "level" else (level, told)
+                    level, inflow = (given_, inflow) if what == "level" else (level, given_)
                 elif what == "open":
-                    is_open = bool(told)
+                    is_open = bool(given_)
                 elif what.startswith("later"):
-                    delay, value = told
+                    delay, value = given_
                     if value is None:
                         scheduled.pop((what[6:], t + delay), None)
                     else:
                         scheduled[what[6:], t + delay] = value
                 elif what == "start":
-                    name, lasts = told
+                    name, lasts = given_
                     running[name] = (t, t + lasts)
                     inflow = 5.0 if name == "boost" else inflow
                 else:
-                    del running[told]
-                    inflow, is_open = (1.0, True) if (what, told) == ("end", "boost") else (inflow, is_open)
+                    del running[given_]
+                    inflow, is_open = (1.0, True) if (what, given_) == ("end", "boost") else (inflow, is_open)
             if t < at:
                 rate = inflow * ("fill" in running) - 2 * inflow * ("leak" in running and is_open)
                 level += rate / 2
@@ -88,7 +88,7 @@ stories = st.lists(st.tuples(st.integers(0, 3), steps), min_size=3, max_size=14)
 names = count()
 
 
-@given(told=stories)
+@given(updates=stories)
 @settings(
     max_examples=EXAMPLES or 60,
     derandomize=not EXAMPLES,
@@ -97,7 +97,7 @@ names = count()
     phases=[Phase.generate, Phase.shrink] if EXAMPLES else [Phase.generate],
     suppress_health_check=list(HealthCheck),
 )
-def test_levels_follow_what_their_rates_read(open_kb, told):
+def test_levels_follow_what_their_rates_read(open_kb, updates):
     """O5: at every half second, past and expected, as known now and as of every transaction."""
     clock = kbstore.ManualClock(0)
     kb = open_kb(f"rates-{next(names)}", clock=clock)
@@ -108,7 +108,7 @@ def test_levels_follow_what_their_rates_read(open_kb, told):
         tx.add("(= (level) 0)", "(= (inflow) 0)")
     latest = tx.result.number
     story.events += [(1, "level", 0.0), (1, "inflow", 0.0)]
-    for tick, (what, given_) in told:
+    for tick, (what, given_) in updates:
         t += tick
         clock.set(t * HALF)
         match what:

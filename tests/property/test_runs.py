@@ -1,4 +1,4 @@
-"""Random durative actions in kbstore and in the naive reference: what runs, moves, and is expected."""
+"""Random durative actions in kbstore and in the naive reference: runs, moving numbers, and expectations."""
 
 from dataclasses import replace
 
@@ -82,7 +82,7 @@ numbers = st.builds(
     st.sampled_from(["assign", "assign", "increase", "decrease"]),
 )
 costs = st.builds(Number, st.just("cost"), st.just(()), st.sampled_from([0.0, 8.0]))
-told = weighted(
+writes = weighted(
     (2, facts.map(lambda item: Update("add", item))),
     (1, facts.map(lambda item: Update("remove", item))),
     (2, numbers.map(lambda item: Update("add", item if item.operation == "assign" else replace(item, rate=0.0)))),
@@ -95,7 +95,7 @@ ticks = st.sampled_from([0, 1, 1, 2, 3, 4]).map(lambda halves: halves * HALF)
 
 
 class Missions(RuleBasedStateMachine):
-    """A knowledge base and its reference, doing the same."""
+    """A knowledge base and its reference, given the same updates."""
 
     def __init__(self, open_kb):
         super().__init__()
@@ -124,20 +124,20 @@ class Missions(RuleBasedStateMachine):
         finally:
             self.both.kb.close()
 
-    @rule(tick=ticks, update=told, ahead=st.sampled_from([0, 0, 1, 2, 3, 5]))
-    def tell(self, tick, update, ahead):
+    @rule(tick=ticks, update=writes, ahead=st.sampled_from([0, 0, 1, 2, 3, 5]))
+    def write(self, tick, update, ahead):
         self.clock.advance(tick)
         at = self.both.now + ahead * HALF if ahead else 0
         self._write(replace(update, at=at))
 
     @rule(
         tick=ticks,
-        update=told,
+        update=writes,
         ago=st.integers(1, 8),
         length=st.sampled_from([None, None, 1, 3]),
         aside=st.integers(0, 1),
     )
-    def tell_late(self, tick, update, ago, length, aside):
+    def write_late(self, tick, update, ago, length, aside):
         self.clock.advance(tick)
         since = max(0, self.both.now - ago * HALF - aside)
         until = None if length is None else min(self.both.now, since + length * HALF)

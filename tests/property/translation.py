@@ -1,4 +1,4 @@
-"""Between the reference's plain values and the public interface of kbstore."""
+"""Translation between the reference's plain values and the public interface of kbstore."""
 
 from collections.abc import Iterable
 from dataclasses import replace
@@ -158,7 +158,7 @@ def received(item: object) -> Item:
 
 
 def placed(items):
-    """Items with their times; that none is listed twice is part of every comparison."""
+    """Items with their times; every comparison includes that none is listed twice."""
     rows = [(received(item), item.initial_time) for item in items]
     assert len(set(rows)) == len(rows), rows
     return frozenset(rows)
@@ -194,11 +194,15 @@ def row(assertion):
 def change(change) -> Change:
     """A change of kbstore as the reference has it."""
 
-    def told(assertions):
+    def entries(assertions):
         return frozenset((received(a.item), a.initial_time) for a in assertions)
 
     return Change(
-        change.number, told(change.asserted), told(change.ended), told(change.cancelled), told(change.superseded)
+        change.number,
+        entries(change.asserted),
+        entries(change.ended),
+        entries(change.cancelled),
+        entries(change.superseded),
     )
 
 

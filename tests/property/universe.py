@@ -1,4 +1,4 @@
-"""What random transactions are made of: a small world, in which things meet often."""
+"""Strategies of random transactions: a small world, in which updates often affect each other."""
 
 from dataclasses import replace
 
@@ -106,7 +106,7 @@ removals = weighted(
 )
 goal_patterns = patterns.filter(lambda item: isinstance(item, Fact))
 
-told = weighted(
+writes = weighted(
     (8, st.tuples(st.just("add"), additions)),
     (3, st.tuples(st.just("remove"), removals)),
     (1, st.tuples(st.just("add_goal"), goals)),
@@ -116,20 +116,20 @@ told = weighted(
 )
 again = st.tuples(st.sampled_from(["cancel", "cancel", "reschedule", "end", "repeat"]), st.integers(0, 20))
 
-steps = st.tuples(weighted((3, told), (1, again)), delays)
-"""A step is what to do, and how far ahead; `again` points at something that is scheduled, or that stands."""
+steps = st.tuples(weighted((3, writes), (1, again)), delays)
+"""A step is what to do, and how far ahead; `again` points at something that is scheduled, or holds."""
 
-late_told = weighted(
+late_writes = weighted(
     (2, st.tuples(st.just("add"), weighted((3, likely_objects), (1, objects), (1, ends)))),
     (5, st.tuples(st.just("add"), facts)),
     (3, st.tuples(st.just("add"), assignments)),
     (2, st.tuples(st.just("remove"), removals)),
     (1, st.tuples(st.just("add_goal"), goals)),
     (1, st.tuples(st.just("remove_goal"), st.one_of(goals, goal_patterns))),
-    (1, told),
+    (1, writes),
 )
 late_steps = st.tuples(
-    st.tuples(weighted((4, late_told), (1, again)), weighted((3, st.just(0)), (1, delays))),
+    st.tuples(weighted((4, late_writes), (1, again)), weighted((3, st.just(0)), (1, delays))),
     st.integers(0, 40),
     weighted((3, st.none()), (3, st.integers(1, 12))),
     weighted((12, st.none()), (1, st.sampled_from([(1, None), (0, 1), (-3, -3), (None, -2)]))),
@@ -145,9 +145,9 @@ WRONG_IN_A_STATE = Metric("minimize (cost)", (("cost", ()),))
 
 
 def state_items(world: World, now: int) -> list[object]:
-    """What stands now, but goals and the metric; objects first."""
+    """The current items without goals and metric; objects first."""
     items = []
-    for line, assertion in world.standing.items():
+    for line, assertion in world.current.items():
         item = assertion.item
         if isinstance(item, Number):
             item = replace(item, value=world.value(item, assertion.start, now))
@@ -157,7 +157,7 @@ def state_items(world: World, now: int) -> list[object]:
 
 
 def update(step, world: World, now: int) -> Update:
-    """The update that a step means in a world that has been advanced to now."""
+    """The update for a step, in a world that has been advanced to now."""
     (what, which), delay = step
     at = max(0, now + delay) if delay else 0
     if what in ("cancel", "reschedule"):
@@ -167,22 +167,22 @@ def update(step, world: World, now: int) -> Update:
         line, start, item = choices[which % len(choices)]
         return Update(_method(line, item, what == "reschedule"), item, start)
     if what in ("end", "repeat"):
-        standing = [(line, assertion.item) for line, assertion in world.standing.items()]
-        if not standing:
+        current = [(line, assertion.item) for line, assertion in world.current.items()]
+        if not current:
             return Update("remove", Fact("lit"), at)
-        line, item = standing[which % len(standing)]
+        line, item = current[which % len(current)]
         return Update(_method(line, item, what == "repeat"), item, at if what == "repeat" else 0)
     return Update(what, which, at)
 
 
 def late_update(late_step, world: World, now: int) -> Update:
-    """The update that a late step means in a world that has been advanced to now."""
+    """The update for a late step, in a world that has been advanced to now."""
     step, where, length, wrong = late_step
     found = update(step, world, now)
     if wrong is not None:
         since, until = (None if offset is None else max(0, now + offset) for offset in wrong)
         return replace(found, since=since, until=until)
-    times = {told.start for told in world.told} | {told.end for told in world.told if told.end} | {now}
+    times = {each.start for each in world.assertions} | {each.end for each in world.assertions if each.end} | {now}
     moments = sorted({max(0, t + side) for t in times for side in (-1, 0, 1) if t + side <= now})
     place = where % len(moments)
     until = None if length is None else moments[min(place + length, len(moments) - 1)]

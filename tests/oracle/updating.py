@@ -1,4 +1,4 @@
-"""What is told for now, or for later, in a transaction (rules C1 to C13)."""
+"""Adding and removing knowledge in a transaction, now or scheduled (rules C1 to C13)."""
 
 import math
 from dataclasses import replace
@@ -8,7 +8,7 @@ from tests.oracle.items import Item, Metric, Number, Object, Timeline, matches, 
 from tests.oracle.late import FOREVER, Spans, minus
 
 
-class Telling(Corrections):
+class Updating(Corrections):
     """A draft to which items are added, and from which they are removed."""
 
     def _add(self, role: str, item: Item, at: int) -> None:
@@ -32,12 +32,12 @@ class Telling(Corrections):
         self._put(timeline(role, item), item, at)
 
     def _replace(self, items: tuple[Item, ...]) -> None:
-        """What stands and is not among the items goes, objects first, and then the items are added (rule C13)."""
+        """Remove the current items that are not given, objects first, and then add those given (rule C13)."""
         kept = {timeline("state", item) for item in items if not (isinstance(item, Object) and not item.positive)}
         for kind in ("object", "fact", "function", "inequality"):
-            for line, (item, _) in list(self.standing.items()):
+            for line, (item, _) in list(self.current.items()):
                 asserted = not isinstance(item, Object) or item.positive
-                if line[:2] == ("state", kind) and asserted and line not in kept and line in self.standing:
+                if line[:2] == ("state", kind) and asserted and line not in kept and line in self.current:
                     self._put(line, None, self.now)
         for item in items:
             if isinstance(item, Metric) or (isinstance(item, Number) and item.operation != "assign"):
@@ -46,11 +46,11 @@ class Telling(Corrections):
                 self._add("state", item, self.now)
 
     def _changed_number(self, role: str, item: Number) -> Number | None:
-        standing = self.standing.get(timeline(role, item))
-        if standing is None:
+        current = self.current.get(timeline(role, item))
+        if current is None:
             self.failures.append(Refused("UndefinedFunction", str(item)))
             return None
-        number, start = standing
+        number, start = current
         assert isinstance(number, Number)
         value, rate, amount = self.world.value(number, start, self.now), number.rate, item.value
         match item.operation:
@@ -73,7 +73,7 @@ class Telling(Corrections):
         return Number(item.name, item.arguments, value, rate)
 
     def _put(self, line: Timeline, item: Item | None, at: int, cause: str = "removed") -> None:
-        """Let a timeline say something, or nothing, from now or from a scheduled time on."""
+        """Assert or end an item on a timeline, from now or from a scheduled time on."""
         before = self.lifetimes(line[2]) if line[1] == "object" else []
         if at > self.now:
             if item is None:
@@ -81,23 +81,23 @@ class Telling(Corrections):
             else:
                 self.pending[line, at] = item
         elif item is None:
-            self.standing.pop(line, None)
+            self.current.pop(line, None)
             self.causes[line] = cause
-        elif not (line in self.standing and self.world.same(*self.standing[line], item, at, at)):
+        elif not (line in self.current and self.world.same(*self.current[line], item, at, at)):
             last = self.past.get(line, [])[-1:]
             again = last and last[0].end == at and self.world.same(last[0].item, last[0].start, item, at, at)
-            self.standing[line] = (last[0].item, last[0].start) if again else (item, at)
+            self.current[line] = (last[0].item, last[0].start) if again else (item, at)
         if line[1] == "object":
             self._lose(str(line[2]), minus(before, self.lifetimes(line[2])))
 
     def _lose(self, name: str, lost: Spans) -> None:
-        """An object does not exist in these spans any more: nothing speaks of it until its next start (rule C9)."""
+        """End every mention of an object in the spans that it lost, up to its next start (rule C9)."""
         starts = sorted(start for start, _ in self.lifetimes(name))
         for first, _ in lost:
             next_start = min((start for start in starts if start > first), default=FOREVER)
             if first == self.now:
-                for line in [line for line, (item, _) in self.standing.items() if name in item.mentions]:
-                    del self.standing[line]
+                for line in [line for line, (item, _) in self.current.items() if name in item.mentions]:
+                    del self.current[line]
                     self.causes[line] = "object"
                 self.running = [run for run in self.running if name not in run.start.arguments]
             for line, at in [key for key, item in self.pending.items() if name in item.mentions]:
@@ -116,7 +116,7 @@ class Telling(Corrections):
                 if start == at:
                     self._cancel(line, start)
             return
-        for line in [line for line, (item, _) in self.standing.items() if line[:2] == kind and matches(pattern, item)]:
+        for line in [line for line, (item, _) in self.current.items() if line[:2] == kind and matches(pattern, item)]:
             self._put(line, None, self.now)
 
     def _cancel(self, line: Timeline, at: int) -> None:
