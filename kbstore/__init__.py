@@ -58,10 +58,10 @@ if TYPE_CHECKING:
         Truth,
         UpdateType,
     )
+    from kbstore.model.assertions import Assertions
     from kbstore.model.results import (
         Applicability,
         Assertion,
-        Assertions,
         Broken,
         Change,
         Diff,
@@ -218,7 +218,7 @@ _HOMES = {
     "UpdateType": "kbstore.messages.UpdateType",
     "Applicability": "kbstore.model.results.Applicability",
     "Assertion": "kbstore.model.results.Assertion",
-    "Assertions": "kbstore.model.results.Assertions",
+    "Assertions": "kbstore.model.assertions.Assertions",
     "Broken": "kbstore.model.results.Broken",
     "Change": "kbstore.model.results.Change",
     "Diff": "kbstore.model.results.Diff",

@@ -32,11 +32,11 @@ from kbstore.messages import (
     Truth,
     UpdateType,
 )
+from kbstore.model.assertions import Assertions
 from kbstore.model.domain import Domain
 from kbstore.model.results import (
     Applicability,
     AsOf,
-    Assertions,
     Broken,
     Change,
     Diff,

@@ -7,20 +7,11 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from html import escape
-from typing import TYPE_CHECKING
 
 from kbstore.clock import isoformat
-from kbstore.messages.enums import KnowledgeType
-from kbstore.model.timelines import moved
-
-if TYPE_CHECKING:
-    from kbstore.model.results import Assertion, Diff
 
 MOST_LANES = 25
 """Lanes that are drawn; the number of the others is below them."""
-
-MOST_BARS = 500
-"""Assertions of a history that are drawn: the latest ones."""
 
 WIDTH, MARGIN, HEIGHT = 760, 230, 18
 """Pixels of a picture, of its labels, and of a lane."""
@@ -95,46 +86,11 @@ def timeline(lanes: Sequence[Lane], marks: Iterable[tuple[int, str]] = (), note:
     return _svg(y + 2 * HEIGHT, f"a timeline from {isoformat(first)} until {isoformat(last)}", parts)
 
 
-def history_picture(assertions: Sequence["Assertion"]) -> str:
-    """Draw a lane for each atom: true, explicitly false (thin), cancelled or superseded (pale), numbers as lines.
+def comparison(rows: Sequence[tuple[str, str, str]], numbers: Sequence[tuple[str, float | None, float | None]]) -> str:
+    """Draw what held before beside what holds after.
 
-    What begins after the last transaction among them is hatched: it is scheduled.
+    `rows` have a label and the looks before and after, or no text; `numbers` a function and its values, None undefined.
     """
-    known = max(
-        (by.time for a in assertions for by in (a.recorded, a.ended, a.cancelled, a.superseded) if by), default=0
-    )
-    lanes: dict[str, list[Bar]] = {}
-    for found in assertions[-MOST_BARS:]:
-        item = found.item
-        kind = getattr(item, "knowledge_type", None)
-        is_number = kind is KnowledgeType.FUNCTION and not found.is_goal
-        name = str(getattr(item, "atom", item)) if is_number else item.text
-        until = "" if found.end_time is None else f" until {isoformat(found.end_time)}"
-        lanes.setdefault(f"goal {name}" if found.is_goal else name, []).append(
-            Bar(
-                found.initial_time,
-                found.end_time,
-                _look(found, known, is_number=is_number),
-                f"{found.item} from {isoformat(found.initial_time)}{until}, recorded by {found.recorded}",
-                _values(found) if is_number else None,
-            )
-        )
-    count = len(assertions)
-    note = f"the latest {MOST_BARS} of {count:,}" if count > MOST_BARS else ""
-    return timeline([Lane(name, bars) for name, bars in lanes.items()], note=note)
-
-
-def diff_picture(diff: "Diff") -> str:
-    """Draw what held before beside what holds after, and how numbers changed."""
-    rows: list[tuple[str, str, str]] = []
-    for items, before, after in (
-        (diff.became_true, "", Look.TRUE),
-        (diff.became_false, "", Look.FALSE),
-        (diff.withdrawn, Look.SUPERSEDED, ""),
-        (diff.goals_added, "", Look.WANTED),
-        (diff.goals_removed, Look.WANTED, ""),
-    ):
-        rows += [(str(item), before, after) for item in items]
     left, middle, right = MARGIN + 20, MARGIN + 130, MARGIN + 240
     parts, y = [], 0
     for label, before, after in rows[:MOST_LANES]:
@@ -143,37 +99,18 @@ def diff_picture(diff: "Diff") -> str:
             if look:
                 parts.append(_line(start, start + 110, y + HEIGHT / 2, y + HEIGHT / 2, look))
         y += HEIGHT
-    for function, old, new in diff.numbers[: max(0, MOST_LANES - len(rows))]:
+    for function, old, new in numbers[: max(0, MOST_LANES - len(rows))]:
         slope = 0 if old is None or new is None else 6 if new > old else -6
-        parts.append(_label(function.atom, y))
+        parts.append(_label(function, y))
         parts.append(_line(left, right, y + HEIGHT / 2 + slope, y + HEIGHT / 2 - slope, Look.NUMBER))
         shown = " to ".join("undefined" if value is None else f"{value:g}" for value in (old, new))
         parts.append(_text(right + 12, y + 13, shown))
         y += HEIGHT
     parts += [_text(left, y + 14, "before", faint=True), _text(right, y + 14, "after", faint=True, anchor="end")]
-    left_out = len(rows) + len(diff.numbers) - MOST_LANES
+    left_out = len(rows) + len(numbers) - MOST_LANES
     if left_out > 0:
         parts.append(_text(4, y + 14, f"and {left_out:,} more", faint=True))
     return _svg(y + 2 * HEIGHT, "the difference between two times", parts) if y else ""
-
-
-def _look(found: "Assertion", known: int, *, is_number: bool) -> Look:
-    if found.superseded is not None or found.cancelled is not None:
-        return Look.SUPERSEDED
-    if is_number:
-        return Look.NUMBER
-    if found.is_goal:
-        return Look.WANTED
-    is_negative = bool(getattr(found.item, "is_negative", False))
-    if found.initial_time > known:
-        return Look.SCHEDULED_FALSE if is_negative else Look.SCHEDULED
-    return Look.FALSE if is_negative else Look.TRUE
-
-
-def _values(found: "Assertion") -> tuple[float, float]:
-    value = float(getattr(found.item, "function_value", 0.0) or 0.0)
-    lasted = 0 if found.end_time is None else found.end_time - found.initial_time
-    return value, moved(value, getattr(found.item, "rate", 0.0), lasted)
 
 
 def _bars(

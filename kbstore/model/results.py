@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 from kbstore.clock import SECOND, TimeLike, isoformat
 from kbstore.messages import Condition, Expression, Function, Goal, KnowledgeItem, Truth, format_number
 from kbstore.model.html import table
-from kbstore.model.pictures import diff_picture, history_picture
-from kbstore.model.plain import Data, Result, each, times
+from kbstore.model.pictures import Look, comparison
+from kbstore.model.plain import Data, Result, times
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,21 +74,6 @@ class Assertion(Result):
         """Return the assertion as plain data: its item as PDDL and as a message, its times, its transactions."""
         found = Result.to_dict(self)
         return {**found.pop("item"), **found}
-
-
-class Assertions(list[Assertion]):
-    """A list of assertions, which a notebook shows as a small timeline and a table."""
-
-    def to_dicts(self) -> list[Data]:
-        """Return the assertions as plain data, one dict for each."""
-        return each(self)
-
-    def __repr__(self) -> str:
-        return "[" + ",\n ".join(map(repr, self)) + "]"
-
-    def _repr_html_(self) -> str:
-        header = ("item", "since", "until", "recorded", "ended", "")
-        return history_picture(self) + table(f"{len(self)} assertions", header, [("", [_row(found) for found in self])])
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,9 +153,23 @@ class Diff(Result):
         ]
         numbers = [(f"{item.atom} {_number(before)} -> {_number(after)}",) for item, before, after in self.numbers]
         metric = [(f"{self.metric[0] or 'none'} -> {self.metric[1] or 'none'}",)] if self.metric else []
-        return diff_picture(self) + table(
+        return self._picture() + table(
             "difference" if self else "no difference", (), [*items, ("numbers", numbers), ("metric", metric)]
         )
+
+    def _picture(self) -> str:
+        rows = [
+            (str(item), before, after)
+            for items, before, after in (
+                (self.became_true, "", Look.TRUE),
+                (self.became_false, "", Look.FALSE),
+                (self.withdrawn, Look.SUPERSEDED, ""),
+                (self.goals_added, "", Look.WANTED),
+                (self.goals_removed, Look.WANTED, ""),
+            )
+            for item in items
+        ]
+        return comparison(rows, [(item.atom, before, after) for item, before, after in self.numbers])
 
     def to_dict(self) -> Data:
         """Return the difference as plain data."""
@@ -363,11 +362,3 @@ def _number(value: float | None) -> str:
 def _counted(*counts: tuple[int, str]) -> str:
     """List counts with their nouns, without those that are 0."""
     return ", ".join(f"{number} {noun}" + ("" if number == 1 else "s") for number, noun in counts if number)
-
-
-def _row(found: Assertion) -> tuple[object, ...]:
-    end = None if found.end_time is None else isoformat(found.end_time)
-    ended = None if found.ended is None else found.ended.number
-    all_marks = (("goal", found.is_goal), ("cancelled", found.cancelled), ("superseded", found.superseded))
-    marks = " ".join(mark for mark, is_so in all_marks if is_so)
-    return found.item, isoformat(found.initial_time), end, found.recorded.number, ended, marks

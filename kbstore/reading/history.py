@@ -7,7 +7,8 @@ from typing import NamedTuple
 from kbstore.clock import OPEN, TimeLike
 from kbstore.errors import UnknownSymbol
 from kbstore.messages import KnowledgeType
-from kbstore.model.results import AsOf, Assertion, Assertions, Change, Transaction
+from kbstore.model.assertions import Assertions
+from kbstore.model.results import AsOf, Assertion, Change, Transaction
 from kbstore.model.symbols import SymbolTable
 from kbstore.model.timelines import EndCause, Role
 from kbstore.reading.item_factory import ItemFactory

@@ -26,7 +26,7 @@ is computed once for each symbol of a domain; these depend on their arguments al
 """
 
 from collections.abc import Callable, Iterable
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 TIMELINES = 200_000
 QUESTIONS = 50_000
@@ -120,3 +120,24 @@ class LRU(dict[_Key, _Value], Generic[_Key, _Value]):
         super().clear()
         self._older, self._dropped = {}, {}
         self._used = 0
+
+
+class AnswerCache:
+    """Cached answers about now: truths, values, and other values computed from the state.
+
+    They are as of the commit with the token `token`; None if that is not known.
+    """
+
+    __slots__ = ("computed", "token", "truths", "values")
+
+    def __init__(self) -> None:
+        self.token: int | None = None
+        self.computed: LRU[Any, Any] = LRU(ASSERTIONS, lambda found: found[1].size)
+        self.truths: LRU[Any, Any] = LRU(ANSWERS)
+        self.values: LRU[Any, Any] = LRU(ANSWERS)
+
+    def clear(self) -> None:
+        """Forget everything."""
+        self.computed.clear()
+        self.truths.clear()
+        self.values.clear()

@@ -12,15 +12,14 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from kbstore.errors import StoreUnavailable
-from kbstore.storage.caches import ANSWERS, ASSERTIONS, LRU
+from kbstore.storage.caches import AnswerCache
 from kbstore.storage.driver_errors import unavailable
+from kbstore.storage.forks import inherited
+from kbstore.storage.notifications import Subscription
 from kbstore.storage.statements import Lookup, Statement
-
-if TYPE_CHECKING:
-    from kbstore.storage.notifications import Subscription
 
 SqlRow = tuple[Any, ...]
 Parameters = Mapping[str, Any]
@@ -29,9 +28,6 @@ LOG = logging.getLogger("kbstore")
 
 LONG_WAIT = 1.0
 """Seconds of waiting for a lock after which a warning is logged."""
-
-inherited: list[Any] = []
-"""In a forked child: the parent's connections, referred to here so that they are never collected and closed."""
 
 
 class Options(NamedTuple):
@@ -51,28 +47,7 @@ class Options(NamedTuple):
     durability: str
     read_only: bool
     schema: str | None = None
-    subscription: "Subscription | None" = None
-
-
-class AnswerCache:
-    """Cached answers about now: truths, values, and other values computed from the state.
-
-    They are as of the commit with the token `token`; None if that is not known.
-    """
-
-    __slots__ = ("computed", "token", "truths", "values")
-
-    def __init__(self) -> None:
-        self.token: int | None = None
-        self.computed: LRU[Any, Any] = LRU(ASSERTIONS, lambda found: found[1].size)
-        self.truths: LRU[Any, Any] = LRU(ANSWERS)
-        self.values: LRU[Any, Any] = LRU(ANSWERS)
-
-    def clear(self) -> None:
-        """Forget everything."""
-        self.computed.clear()
-        self.truths.clear()
-        self.values.clear()
+    subscription: Subscription | None = None
 
 
 class StoreConnection(ABC):

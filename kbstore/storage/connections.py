@@ -13,7 +13,7 @@ from sqlalchemy.pool import StaticPool
 
 from kbstore.errors import StoreUnavailable
 from kbstore.storage import forks
-from kbstore.storage.connection import Options, StoreConnection, inherited
+from kbstore.storage.connection import Options, StoreConnection
 from kbstore.storage.driver_errors import unavailable
 from kbstore.storage.sqlite_connection import SqliteConnection
 
@@ -129,7 +129,7 @@ class Connections(ABC):
             connection.abandon(close=closing)
         # idle connections in a pool: those to files are closed, too; those to a server stay open for the parent
         if not closing:
-            inherited.append(self.engine.pool)
+            forks.inherited.append(self.engine.pool)
         self.engine.dispose(close=closing)
         self._open = set()
         self._local = threading.local()

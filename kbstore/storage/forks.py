@@ -15,7 +15,7 @@ import os
 import threading
 import time
 import weakref
-from typing import Protocol
+from typing import Any, Protocol
 
 from kbstore.errors import StoreUnavailable
 
@@ -35,6 +35,9 @@ class ForkSafe(Protocol):
     def forget_parent(self, *, is_quiet: bool) -> bool:
         """Leave the parent's connections, in the child; return False if inherited files could not be closed."""
 
+
+inherited: list[Any] = []
+"""In a forked child: the parent's connections, referred to here so that they are never collected and closed."""
 
 _databases: "weakref.WeakSet[ForkSafe]" = weakref.WeakSet()
 _one_at_a_time = threading.Lock()

@@ -12,6 +12,7 @@ notification ever comes (a restore within the tables, a network that is cut), th
 seconds, and is not used when the server has not answered for `TRUST` seconds.
 """
 
+import logging
 import selectors
 import socket
 import threading
@@ -23,7 +24,10 @@ from typing import Any
 import sqlalchemy as sa
 
 from kbstore.errors import StoreUnavailable, one_line
-from kbstore.storage.connection import LOG, AnswerCache, inherited
+from kbstore.storage.caches import AnswerCache
+from kbstore.storage.forks import inherited
+
+LOG = logging.getLogger("kbstore")
 
 HEARTBEAT = 5.0
 """The most seconds for which an answer is cached."""

@@ -15,7 +15,7 @@ from sqlalchemy.pool import StaticPool
 
 from kbstore.errors import StoreUnavailable
 from kbstore.storage import forks
-from kbstore.storage.connection import LOG, Options, StoreConnection, inherited
+from kbstore.storage.connection import LOG, Options, StoreConnection
 from kbstore.storage.connections import Connections
 from kbstore.storage.engine import make_engine
 from kbstore.storage.notifications import Listener, Subscription, refuse_shared
@@ -229,7 +229,7 @@ class ServerPool:
     def forget_parent(self) -> None:
         """Begin with no connection, in a forked child; the parent's must not even be collected."""
         ServerPool._lock = threading.Lock()
-        inherited.extend(self._idle)
+        forks.inherited.extend(self._idle)
         self._idle = []
         self._room = self._all_room()
         self.listener.forget_parent()

@@ -11,7 +11,8 @@ from contextlib import contextmanager
 from operator import attrgetter
 from typing import Any
 
-from kbstore.storage.connection import AnswerCache, Options, Parameters, SqlRow, StoreConnection
+from kbstore.storage.caches import AnswerCache
+from kbstore.storage.connection import Options, Parameters, SqlRow, StoreConnection
 from kbstore.storage.notifications import ANNOUNCE, channel, committed, expect
 from kbstore.storage.statements import Lookup, Statement
 

@@ -10,7 +10,8 @@ from operator import attrgetter
 from typing import Any
 
 from kbstore.storage import queries
-from kbstore.storage.connection import AnswerCache, Options, Parameters, SqlRow, StoreConnection
+from kbstore.storage.caches import AnswerCache
+from kbstore.storage.connection import Options, Parameters, SqlRow, StoreConnection
 from kbstore.storage.driver_errors import LASTING, sqlite_code
 from kbstore.storage.statements import Lookup, Statement
 

@@ -11,13 +11,13 @@ from itertools import chain
 from kbstore.clock import OPEN
 from kbstore.messages import Condition, Fact, Function, Instance, KnowledgeItem, KnowledgeType
 from kbstore.model.formulas import Atom
-from kbstore.model.lifespans import Lifespan, lifespans_of, lost_time
+from kbstore.model.lifespans import Lifespan, joined, lifespans_of, lost_time
 from kbstore.model.timelines import EndCause, Identity, Mentions, Role, StateRow, Timeline, Value, atom_key
 from kbstore.names import key
 from kbstore.planning.simulator import TimelineEvent
 from kbstore.storage.repository import Repository
-from kbstore.writing.past import Past
-from kbstore.writing.timeline_state import Copy, TimelineState, value_now
+from kbstore.writing.pieces import Piece, piece_of
+from kbstore.writing.timeline_state import Copy, KnownPast, TimelineState, value_now
 
 _Group = tuple[Role, KnowledgeType]
 
@@ -42,12 +42,6 @@ class ChangeSet:
         self._journal: dict[TimelineState, Copy] = {}
         self.late_from = OPEN
         """The earliest time about which late knowledge changed something, in nanoseconds; `OPEN` if none did."""
-
-    @property
-    def past(self) -> Past:
-        """The known past of the timelines."""
-        # not stored: a reference cycle would leave the transaction's memory to the garbage collector
-        return Past(self, self._repository)
 
     # -- timelines --------------------------------------------------------------------------------------------
 
@@ -127,6 +121,30 @@ class ChangeSet:
     def states(self) -> Iterable[TimelineState]:
         """Return all timelines that have been touched."""
         return chain.from_iterable(self._groups[group].values() for group in sorted(self._groups))
+
+    # -- the past ---------------------------------------------------------------------------------------------
+
+    def known(self, state: TimelineState, since: int) -> list[Piece]:
+        """Return the pieces of a timeline from a time up to now, in order, read only as far as they are needed.
+
+        The one that holds now ends at `OPEN`.
+        """
+        past = state.past = state.past or KnownPast()
+        if since < past.since:
+            rows = []
+            if state.timeline.id:
+                rows = self._repository.known_rows(state.timeline, since, min(self.now, past.since - 1))
+            past.since = since if not rows else min(since, rows[0].stored.initial_time)
+            past.rows = [*rows, *past.rows]
+            read = [piece_of(row, self.now) for row in rows if row.stored.initial_time < self.now]
+            past.pieces = (*read, *past.pieces)
+        return state.pieces(self.now)
+
+    def existences(self, state: TimelineState) -> list[Lifespan]:
+        """Return the lifespans of the object of an INSTANCE timeline, from the first to the last."""
+        pieces = [piece for piece in self.known(state, 0) if piece.start < self.now and not piece.value[0]]
+        past = [Lifespan(piece.start, min(piece.end, self.now), piece.value[1]) for piece in pieces]
+        return joined([*past, *self.lifespans(state)])
 
     # -- changes ----------------------------------------------------------------------------------------------
 
@@ -262,7 +280,7 @@ class ChangeSet:
             if state.value is None:
                 rows.pop(identity, None)
             elif state.is_edited:
-                piece = self.past.pieces(state)[-1]
+                piece = state.pieces(self.now)[-1]
                 rows[identity] = (state.timeline, piece.start, piece.value)
             elif base is None or state.value != value_now(state.timeline.kind, base, self.now):
                 rows[identity] = (state.timeline, self.now, state.value)

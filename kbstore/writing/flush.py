@@ -102,7 +102,7 @@ class Flush:
             elif stored is None:
                 changed = True
                 if start < self._now:
-                    first_recorded = self._set.past.pieces(track)[-1].first_recorded
+                    first_recorded = track.pieces(self._now)[-1].first_recorded
                     writes.late[kind].append(LateAssertion(track.timeline, start, end, entry, first_recorded, None))
                 else:
                     writes.adds[kind].append((track.timeline, start, end, entry))
@@ -155,7 +155,7 @@ class Flush:
         writes = self._writes
         kind = track.timeline.kind
         assert track.past is not None
-        pieces = {piece.start: piece for piece in self._set.past.pieces(track)}
+        pieces = {piece.start: piece for piece in track.pieces(self._now)}
         is_ended_now = track.is_ended_now(self._now)
         kept: dict[int, StoredAssertion] = {}
         changed = False

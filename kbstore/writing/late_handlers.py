@@ -15,6 +15,7 @@ from kbstore.storage.repository import Repository
 from kbstore.writing.change_set import ChangeSet
 from kbstore.writing.handlers import Handlers
 from kbstore.writing.object_handlers import ObjectHandlers, meeting
+from kbstore.writing.past import Past
 from kbstore.writing.past_rates import PastRates
 from kbstore.writing.resolution import NameResolver, Violations
 from kbstore.writing.timeline_state import TimelineState
@@ -66,6 +67,7 @@ class LateHandlers:
         *,
         use_unknowns: bool,
     ) -> None:
+        self._past = Past(change_set, repository)
         self._past_rates = PastRates(repository, versions, use_unknowns=use_unknowns)
         self._change_set = change_set
         self._repository = repository
@@ -132,7 +134,7 @@ class LateHandlers:
         if violations:
             return violations
         ((state, value),) = checks.puts
-        end = self._change_set.past.end_of(state, value, self._since) if self._until is None else self._until
+        end = self._past.end_of(state, value, self._since) if self._until is None else self._until
         for symbols in self._in_force(self._since, end):
             checks = self._checks(symbols)
             violations += add(checks, item, self._since)
@@ -140,7 +142,7 @@ class LateHandlers:
         violations += self._meetings(state, value, end)
         if not violations:
             ((state, value),) = checks.puts
-            self._change_set.past.put(state, value, self._since, self._until, self._past_rates)
+            self._past.put(state, value, self._since, self._until, self._past_rates)
         return tuple(dict.fromkeys(violations))
 
     def _checks(self, symbols: SymbolTable) -> "_Checks":
@@ -162,7 +164,7 @@ class LateHandlers:
             about = self._change_set.object(name)
             if about is None or domain.constant_spelling(name) is not None:
                 continue
-            if not self._change_set.past.exists_throughout(about, self._since, self._until):
+            if not self._past.exists_throughout(about, self._since, self._until):
                 span = f"from {isoformat(self._since)} until {isoformat(self._until)}"
                 yield f"{item}: {about.timeline.spelling} does not exist all the time {span}"
 
@@ -171,7 +173,7 @@ class LateHandlers:
         if state.timeline.kind is not KnowledgeType.INSTANCE:
             return
         late = Lifespan(self._since, end, value[1])
-        for other in self._change_set.past.existences(state):
+        for other in self._change_set.existences(state):
             if key(other.type_name) != key(late.type_name) and other.start <= late.end and late.start <= other.end:
                 yield meeting(state.timeline.spelling, *sorted((other, late)))
 
@@ -203,6 +205,7 @@ class _Checks(Handlers):
         self.puts: list[tuple[TimelineState, Value]] = []
         self._until = until
         self._put = self._collect
+        self._past = Past(change_set, repository)
         self._objects = _Objects(change_set, repository, self.resolver, on_removed_object, until, self._collect)
 
     def _collect(self, state: TimelineState, value: Value, t: int) -> None:
@@ -217,7 +220,7 @@ class _Checks(Handlers):
 
     def _remove_matching(self, states: Iterable[TimelineState], matches: Callable[[Value], bool], t: int) -> None:
         for state in list(states):
-            self._change_set.past.blank(state, matches, t, self._until)
+            self._past.blank(state, matches, t, self._until)
 
 
 class _Objects(ObjectHandlers):
@@ -247,9 +250,9 @@ class _Objects(ObjectHandlers):
         violations = self._removal_violations(item)
         if violations:
             return violations
-        past = self._change_set.past
+        past = Past(self._change_set, self._repository)
         for state in list(states):
-            before = past.existences(state)
+            before = self._change_set.existences(state)
             past.blank(state, lambda value: self._matches(item, value), t, self._until)
             past.lose(state, before, self._on_removed_object)
         return ()

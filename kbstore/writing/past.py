@@ -1,80 +1,35 @@
-"""The known past of timelines within a transaction, and its changes by late knowledge (rules L2 to L6)."""
+"""Changes of the known past of timelines, by late knowledge (rules L2 to L6)."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 from kbstore.clock import OPEN
 from kbstore.messages import KnowledgeType
 from kbstore.model.formulas import Atom
-from kbstore.model.lifespans import Lifespan, joined, lost_time
+from kbstore.model.lifespans import Lifespan, lost_time
 from kbstore.model.timelines import EndCause, Value
-from kbstore.storage.records import KnownAssertion
 from kbstore.storage.repository import Repository
+from kbstore.writing.change_set import ChangeSet
 from kbstore.writing.past_rates import PastRates
-from kbstore.writing.pieces import Ended, Piece, cut, is_carried_on, next_change, numbers_in
-from kbstore.writing.timeline_state import KnownPast, TimelineState
-
-if TYPE_CHECKING:
-    from kbstore.writing.change_set import ChangeSet
+from kbstore.writing.pieces import Ended, Piece, cut, is_carried_on, next_change, numbers_in, piece_of
+from kbstore.writing.timeline_state import TimelineState
 
 
 class Past:
-    """Reads and changes the past of the timelines of one change set; it is read only as far as it is needed."""
+    """Changes the past of the timelines of one change set."""
 
-    def __init__(self, change_set: "ChangeSet", repository: Repository) -> None:
+    def __init__(self, change_set: ChangeSet, repository: Repository) -> None:
         self._change_set = change_set
         self._repository = repository
         self._now = change_set.now
-
-    # -- what is known ----------------------------------------------------------------------------------------
-
-    def load(self, states: Iterable[TimelineState], since: int) -> None:
-        """Read what is known of timelines from a time on."""
-        for state in states:
-            past = state.past = state.past or KnownPast()
-            if past.since <= since:
-                continue
-            rows = []
-            if state.timeline.id:
-                rows = self._repository.known_rows(state.timeline, since, min(self._now, past.since - 1))
-            past.since = since if not rows else min(since, rows[0].stored.initial_time)
-            past.rows = [*rows, *past.rows]
-            read = [_piece(row, self._now) for row in rows if row.stored.initial_time < self._now]
-            past.pieces = (*read, *past.pieces)
-
-    def known(self, state: TimelineState, since: int) -> list[Piece]:
-        """Return the pieces of a timeline from a time up to now, in order; the one that holds now ends at `OPEN`."""
-        self.load([state], since)
-        return self.pieces(state)
-
-    def pieces(self, state: TimelineState) -> list[Piece]:
-        """Return the pieces of a timeline that have been read, up to now; the one that holds now ends at `OPEN`."""
-        assert state.past is not None
-        pieces = list(state.past.pieces)
-        if state.value is None:
-            return pieces
-        base = state.base(self._now)
-        began_now = (base is not None and base.initial_time == self._now) or state.value == state.past.begun_now
-        last = pieces[-1] if pieces and not began_now else None
-        if last is not None and last.end == self._now and last.value_at(state.timeline.kind, self._now) == state.value:
-            return [*pieces[:-1], last._replace(end=OPEN)]
-        return [*pieces, Piece(self._now, OPEN, state.value)]
-
-    def existences(self, state: TimelineState) -> list[Lifespan]:
-        """Return the lifespans of the object of an INSTANCE timeline, from the first to the last."""
-        pieces = [piece for piece in self.known(state, 0) if piece.start < self._now and not piece.value[0]]
-        past = [Lifespan(piece.start, min(piece.end, self._now), piece.value[1]) for piece in pieces]
-        return joined([*past, *self._change_set.lifespans(state)])
 
     # -- changes ----------------------------------------------------------------------------------------------
 
     def end_of(self, state: TimelineState, value: Value, since: int) -> int:
         """Return the end of a value that is recorded late and without `until` (rule L2)."""
-        following = next_change(self.known(state, since), state.timeline.kind, since)
-        ends = [end for about in self._objects(state, value) for _, end, _ in self.existences(about) if end > since]
-        return min([following, *state.ahead, *ends])
+        following = next_change(self._change_set.known(state, since), state.timeline.kind, since)
+        return min(following, *state.ahead, self._end_of_objects(state, value, since))
 
     def put(self, state: TimelineState, value: Value, since: int, until: int | None, rates: PastRates) -> None:
         """Assert a value since a past time: until a time, or until the next change on its timeline.
@@ -83,7 +38,7 @@ class Past:
         """
         kind = state.timeline.kind
         end = self.end_of(state, value, since)
-        pieces = self.known(state, since)
+        pieces = self._change_set.known(state, since)
         if until is not None:
             end = min(until, self._end_of_objects(state, value, since))
         span = [piece for piece in pieces if piece.overlaps(since, end)]
@@ -120,10 +75,14 @@ class Past:
     def blank(self, state: TimelineState, matches: Callable[[Value], bool], since: int, until: int | None) -> None:
         """Remove the values that match: in a span, or with `until` None the one at a time, until the next change."""
         kind = state.timeline.kind
-        for piece in self.known(state, since):
+        for piece in self._change_set.known(state, since):
             if piece.overlaps(since, since + 1 if until is None else until) and matches(piece.value):
                 start = max(since, piece.start)
-                end = next_change(self.known(state, since), kind, start) if until is None else min(piece.end, until)
+                end = (
+                    next_change(self._change_set.known(state, since), kind, start)
+                    if until is None
+                    else min(piece.end, until)
+                )
                 self._blank(state, lambda value: True, start, end, EndCause.REMOVED)
 
     def lose(self, state: TimelineState, before: Sequence[Lifespan], on_removed: Callable[[str], None]) -> None:
@@ -131,7 +90,7 @@ class Past:
 
         `before` are its lifespans before the change; `on_removed` is called if it does not exist now.
         """
-        after = self.existences(state)
+        after = self._change_set.existences(state)
         name = state.timeline.key
         for start, end in lost_time(before, after):
             following = min((lifespan.start for lifespan in after if lifespan.start > start), default=OPEN)
@@ -150,7 +109,7 @@ class Past:
         self, state: TimelineState, matches: Callable[[Value], bool], start: int, end: int, cause: EndCause
     ) -> None:
         kind = state.timeline.kind
-        pieces = self.known(state, start)
+        pieces = self._change_set.known(state, start)
         left = [
             part
             for piece in pieces
@@ -185,13 +144,13 @@ class Past:
         return [about for name in names if (about := self._change_set.object(name)) is not None]
 
     def _end_of_objects(self, state: TimelineState, value: Value, since: int) -> int:
-        ends = [end for about in self._objects(state, value) for _, end, _ in self.existences(about) if end > since]
-        return min(ends, default=OPEN)
+        lifespans = (span for about in self._objects(state, value) for span in self._change_set.existences(about))
+        return min((end for _, end, _ in lifespans if end > since), default=OPEN)
 
     def _ended_object(self, state: TimelineState, value: Value, end: int) -> Ended | None:
         """Return the transaction that removed an object of a value at `end`, with the cause; None if the clock did."""
         for about in self._objects(state, value):
-            for piece in self.known(about, 0):
+            for piece in self._change_set.known(about, 0):
                 if piece.end == end and piece.ended is not None:
                     return piece.ended[0], EndCause.OBJECT
             if end == self._now and about.is_ended_now(self._now):
@@ -205,7 +164,7 @@ class Past:
         rows = self._repository.history(state.timeline.kind, timelines, start, min(end, self._now))
         superseded = sorted((row for row in rows if row.superseded), key=lambda row: row.superseded or 0, reverse=True)
         pieces = [Piece(row.initial_time, row.end_time, row.value) for row in superseded]
-        return [_piece(row, OPEN) for row in state.past.rows] + pieces
+        return [piece_of(row, OPEN) for row in state.past.rows] + pieces
 
     def _undefined(
         self, state: TimelineState, known: Sequence[Piece], start: int, end: int, rates: PastRates
@@ -223,7 +182,7 @@ class Past:
 
     def exists_throughout(self, state: TimelineState, since: int, until: int) -> bool:
         """Return whether an object exists in all of a span."""
-        return _covers([(start, end) for start, end, _ in self.existences(state)], since, until)
+        return _covers([(start, end) for start, end, _ in self._change_set.existences(state)], since, until)
 
 
 def _covers(spans: Sequence[tuple[int, int]], since: int, until: int) -> bool:
@@ -246,9 +205,3 @@ def _is_known(kind: KnowledgeType, span: Sequence[Piece], late: Sequence[Piece],
         if piece.overlaps(new.start, new.end)
         for t in [max(piece.start, new.start)]
     )
-
-
-def _piece(row: KnownAssertion, now: int) -> Piece:
-    stored = row.stored
-    ended = None if row.ended is None or row.cause is None else (row.ended, EndCause(row.cause))
-    return Piece(stored.initial_time, min(stored.end_time, now), stored.value, row.first_recorded, ended)

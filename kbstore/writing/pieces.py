@@ -6,6 +6,7 @@ from typing import NamedTuple
 from kbstore.clock import OPEN
 from kbstore.messages import KnowledgeType
 from kbstore.model.timelines import EndCause, Value, number_at
+from kbstore.storage.records import KnownAssertion
 
 Ended = tuple[int | None, EndCause]
 """The transaction that ended something (None for the open transaction), and the cause."""
@@ -35,6 +36,13 @@ class Piece(NamedTuple):
     def overlaps(self, start: int, end: int) -> bool:
         """Return whether it holds somewhere in ``[start, end)``."""
         return self.start < end and start < self.end
+
+
+def piece_of(row: KnownAssertion, now: int) -> Piece:
+    """Return a stored row as a piece that ends no later than now."""
+    stored = row.stored
+    ended = None if row.ended is None or row.cause is None else (row.ended, EndCause(row.cause))
+    return Piece(stored.initial_time, min(stored.end_time, now), stored.value, row.first_recorded, ended)
 
 
 def cut(piece: Piece, kind: KnowledgeType, start: int, end: int, cause: EndCause) -> list[Piece]:

@@ -65,7 +65,7 @@ class NameResolver:
         if t == self._now:
             value = state.value
             return None if value is None or value[0] else str(value[1])
-        lifespans = self._change_set.lifespans(state) if t > self._now else self._change_set.past.existences(state)
+        lifespans = self._change_set.lifespans(state) if t > self._now else self._change_set.existences(state)
         for lifespan in lifespans:
             if lifespan.start <= t < lifespan.end:
                 return lifespan.type_name

@@ -84,6 +84,19 @@ class TimelineState:
         """Whether late knowledge has changed what is known of the past."""
         return self.past is not None and self.past.is_edited
 
+    def pieces(self, now: int) -> list[Piece]:
+        """Return the pieces of the past that have been read, up to now; the one that holds now ends at `OPEN`."""
+        assert self.past is not None
+        pieces = list(self.past.pieces)
+        if self.value is None:
+            return pieces
+        base = self.base(now)
+        began_now = (base is not None and base.initial_time == now) or self.value == self.past.begun_now
+        last = pieces[-1] if pieces and not began_now else None
+        if last is not None and last.end == now and last.value_at(self.timeline.kind, now) == self.value:
+            return [*pieces[:-1], last._replace(end=OPEN)]
+        return [*pieces, Piece(now, OPEN, self.value)]
+
     def copy(self) -> "Copy":
         """Return a copy of what may change, for `restore`."""
         past = self.past

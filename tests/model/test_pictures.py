@@ -9,7 +9,8 @@ import kbstore
 from kbstore import seconds
 from kbstore.cli.demo.mission import record
 from kbstore.clock import ManualClock
-from kbstore.model.pictures import LONGEST, MARGIN, MOST_BARS, MOST_LANES, WIDTH, Look
+from kbstore.model.assertions import MOST_BARS
+from kbstore.model.pictures import LONGEST, MARGIN, MOST_LANES, WIDTH, Look
 
 SVG = "{http://www.w3.org/2000/svg}"
 NASTY = "<script>alert(1)</script>\"'&"
