@@ -60,7 +60,7 @@ def value(condition: Formula, world: World, known: dict[str, str], table: Table)
             atoms = [atom_value(name, row, world, table) for row in product(*choices)]
             loose = any(a.startswith("?") and a[1:] not in known for a in arguments)
             if loose and world.domain is None and world.use_unknowns:
-                atoms.append(UNKNOWN)  # there may be objects that nobody has spoken of
+                atoms.append(UNKNOWN)  # there may be objects that no fact mentions
             return max(atoms, default=FALSE)
         case Truism():
             return TRUE
@@ -99,7 +99,7 @@ def lookup(argument: str, known: dict[str, str]) -> str:
 
 
 def wild_or(argument: str, known: dict[str, str], world: World, name: str, position: int) -> list[str]:
-    """The objects that an argument of an atom stands for."""
+    """The objects that a wildcard argument of an atom may be."""
     if not argument.startswith("?"):
         return [argument]
     if argument[1:] in known:
@@ -180,7 +180,7 @@ def reads(condition: Formula, negated: bool) -> list[tuple[str, bool]]:
 def compared(
     comparison: ComparisonType, left: NumericExpression, right: NumericExpression, world: World, known: dict[str, str]
 ) -> float:
-    """A comparison: exact if anything that it reads moves."""
+    """A comparison: in exact numbers if anything that it reads moves."""
     try:
         numbers = [n for side in (left, right) for t in side if isinstance(t, Atom) for n in [read(t, world, known)]]
         exact = any(n.rate for n in numbers)
@@ -198,7 +198,7 @@ def read(function: Atom, world: World, known: dict[str, str]) -> Number:
 
 
 def nested(tokens: list[Any]) -> Any:
-    """Prefix tokens, which are used up, as nested tuples."""
+    """Prefix tokens, which are consumed, as nested tuples."""
     token = tokens.pop(0)
     return (token, *(nested(tokens) for _ in range(token.arity))) if isinstance(token, Operator) else token
 

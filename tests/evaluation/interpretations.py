@@ -43,7 +43,7 @@ def signatures(*texts: str) -> dict[str, Signature]:
 
 
 class World:
-    """What stands at one moment, in dictionaries (an `Interpretation`)."""
+    """The state at one time, in dictionaries (an `Interpretation`)."""
 
     def __init__(
         self,
@@ -83,7 +83,7 @@ class World:
 
 
 class History:
-    """What stands over a span, in dictionaries of pieces (a `Course`)."""
+    """The states over a span, in dictionaries of pieces (a `Course`)."""
 
     def __init__(
         self,

@@ -120,7 +120,7 @@ FUNCTIONS = ["level r1", "level r2", "cost p1", "cost d1", "total"]
 TYPES = ["object", "thing", "place", "dock", "robot"]
 
 
-def speaks_of(text: str) -> set[str]:
+def mentions(text: str) -> set[str]:
     """The objects that a fact or function mentions."""
     return set(text.split()[1:]) - {"home"}
 
@@ -226,15 +226,15 @@ RATES = st.sampled_from([0.0, 0.0, 1.0, -0.5, 0.1])
 
 @st.composite
 def worlds(draw: st.DrawFn, domain: Domain = DOMAIN) -> World:
-    """A world in which only existing objects are spoken of."""
+    """A world that mentions only existing objects."""
     objects = {name: OBJECTS[name] for name in draw(st.sets(st.sampled_from(list(OBJECTS))))}
     signs = st.sampled_from([None, None, True, True, False])
     time = draw(st.integers(0, 5 * SECOND))
-    facts = {text: draw(signs) for text in FACTS if speaks_of(text) <= objects.keys()}
+    facts = {text: draw(signs) for text in FACTS if mentions(text) <= objects.keys()}
     numbers = {
         text: Number(draw(VALUES), draw(RATES), draw(st.integers(0, time)))
         for text in FUNCTIONS
-        if speaks_of(text) <= objects.keys() and draw(st.booleans())
+        if mentions(text) <= objects.keys() and draw(st.booleans())
     }
     return World(
         domain,
@@ -248,7 +248,7 @@ def worlds(draw: st.DrawFn, domain: Domain = DOMAIN) -> World:
 
 @st.composite
 def histories(draw: st.DrawFn, domain: Domain = DOMAIN) -> History:
-    """A history in which nothing speaks of an object while it does not exist."""
+    """A history that mentions objects only while they exist."""
     start = draw(st.integers(0, 3))
     end = start + draw(st.integers(1, 12))
     objects = {name: _pieces(draw, start, end, [type_name]) for name, type_name in OBJECTS.items()}
@@ -281,7 +281,7 @@ def _pieces(draw: st.DrawFn, start: int, end: int, values: list) -> list:  # typ
 
 def _within(text: str, pieces: list, objects: dict) -> list:  # type: ignore[type-arg]
     """The pieces, cut to where all objects that the text mentions exist."""
-    for name in speaks_of(text):
+    for name in mentions(text):
         pieces = [
             (max(a, c), min(b, d), value)
             for a, b, value in pieces

@@ -50,7 +50,7 @@ def function(text: str) -> Atom:
 
 
 def of_truth(value: Truth) -> Formula:
-    """A condition with a truth value in an open world where free p1 is told, and free p2 denied."""
+    """A condition with a truth value in an open world where free p1 is asserted, and free p2 explicitly false."""
     return Atom("free", ({T: "p1", F: "p2", U: "d1"}[value],))
 
 
@@ -62,7 +62,7 @@ OPEN = world("free p1", "not free p2", unknowns=True)
 
 @settings(max_examples=120, deadline=None)
 @given(conditions(), worlds())
-def test_random_conditions_have_the_truth_that_brute_force_finds(condition: Formula, random_world: World) -> None:
+def test_random_conditions_agree_with_brute_force(condition: Formula, random_world: World) -> None:
     """V2 to V5, V7 to V9, in closed and open worlds, against an evaluator that tries everything."""
     assert truth(condition, random_world) is brute_force.truth(condition, random_world)
 
@@ -70,7 +70,7 @@ def test_random_conditions_have_the_truth_that_brute_force_finds(condition: Form
 @settings(max_examples=80, deadline=None)
 @given(conditions(domain=FREE_OF_RULES), worlds(domain=FREE_OF_RULES))
 def test_random_conditions_without_a_domain(condition: Formula, random_world: World) -> None:
-    """D2: without a domain the same conditions are evaluated on what is told."""
+    """D2: without a domain the same conditions are evaluated on what is asserted."""
     random_world.domain = None
     assert truth(condition, random_world) is brute_force.truth(condition, random_world)
 
@@ -81,15 +81,15 @@ def test_random_conditions_without_a_domain(condition: Formula, random_world: Wo
 def test_v2_a_fact_is_true_false_or_absent() -> None:
     """V2: in a closed world absent reads as false, with unknowns as unknown."""
     for unknowns, absent in ((False, F), (True, U)):
-        told = world("free p1", "not free p2", unknowns=unknowns)
-        assert [truth(Atom("free", (p,)), told) for p in ("p1", "p2", "d1")] == [T, F, absent]
+        state = world("free p1", "not free p2", unknowns=unknowns)
+        assert [truth(Atom("free", (p,)), state) for p in ("p1", "p2", "d1")] == [T, F, absent]
 
 
 def test_v3_not_is_true_where_false() -> None:
     """V3: in a closed world wherever p is not asserted, in an open one only where p is explicitly false."""
     for unknowns, absent in ((False, T), (True, U)):
-        told = world("free p1", "not free p2", unknowns=unknowns)
-        assert [truth(Not(Atom("free", (p,))), told) for p in ("p1", "p2", "d1")] == [F, T, absent]
+        state = world("free p1", "not free p2", unknowns=unknowns)
+        assert [truth(Not(Atom("free", (p,))), state) for p in ("p1", "p2", "d1")] == [F, T, absent]
 
 
 def test_d3_names_are_compared_without_regard_to_case() -> None:
@@ -141,19 +141,19 @@ def test_v4_quantifiers_over_nothing() -> None:
 
 def test_v4_an_inner_variable_hides_the_outer_one_of_the_same_name() -> None:
     """V4: a variable belongs to the innermost quantifier that declares it."""
-    told = world("free p1", "at r1 p2")
+    state = world("free p1", "at r1 p2")
     condition = exists("x:robot", And((Atom("at", ("?x", "p2")), exists("x:place", Atom("free", ("?x",))))))
-    assert truth(condition, told) is T
-    assert truth(exists("x:place", Atom("free", ("?x",))), told, {"x": "p2"}) is T
+    assert truth(condition, state) is T
+    assert truth(exists("x:place", Atom("free", ("?x",))), state, {"x": "p2"}) is T
 
 
 def test_v4_unknown_instances_make_quantifiers_unknown() -> None:
     """V4: exists is unknown where no instance is true and some is unknown; forall dually."""
     assert truth(exists("x:dock", Atom("free", ("?x",))), world("not free d1", unknowns=True)) is U
-    told = world("not free d1", "not free home", unknowns=True)
-    assert truth(exists("x:dock", Atom("free", ("?x",))), told) is F
+    state = world("not free d1", "not free home", unknowns=True)
+    assert truth(exists("x:dock", Atom("free", ("?x",))), state) is F
     assert truth(forall("x:dock", Atom("free", ("?x",))), world("free d1", unknowns=True)) is U
-    assert truth(forall("x:dock", Atom("free", ("?x",))), told) is F
+    assert truth(forall("x:dock", Atom("free", ("?x",))), state) is F
 
 
 def test_v4_equality_compares_names() -> None:
@@ -163,8 +163,8 @@ def test_v4_equality_compares_names() -> None:
     assert truth(Same("ghost", "ghost"), OPEN) is T
 
 
-def test_quantifiers_over_many_objects_use_what_stands() -> None:
-    """A join over 4,000 facts takes the time of the facts, not of the 4,000 x 4,000 pairs of objects."""
+def test_quantifiers_over_many_objects_read_the_facts() -> None:
+    """A join over 4,000 facts takes time for the facts, not for the 4,000 x 4,000 pairs of objects."""
     names = {f"p{i}": "place" for i in range(4000)}
     chain = {f"linked p{i} p{i + 1}": True for i in range(3999)}
     big = World(DOMAIN, objects=names, facts={**chain, "free p3999": True})
@@ -186,9 +186,9 @@ def compare(left: str | float, comparison: ComparisonType, right: str | float) -
 @pytest.mark.parametrize(("value", "true"), [(1.0, {"<", "<="}), (2.0, {"<=", "=", ">="}), (3.0, {">", ">="})])
 def test_v5_comparisons(value: float, true: set[str], rate: float) -> None:
     """V5: the five comparisons of a number with 2, whether or not it moves."""
-    told = world(time=5, numbers={"total": Number(value, rate, 5)})
-    assert {c.pddl for c in ComparisonType if truth(compare("total", c, 2.0), told) is T} == true
-    assert {c.pddl for c in ComparisonType if truth(compare("total", c, 2.0), told) is F} == {
+    state = world(time=5, numbers={"total": Number(value, rate, 5)})
+    assert {c.pddl for c in ComparisonType if truth(compare("total", c, 2.0), state) is T} == true
+    assert {c.pddl for c in ComparisonType if truth(compare("total", c, 2.0), state) is F} == {
         "<",
         "<=",
         "=",
@@ -200,7 +200,7 @@ def test_v5_comparisons(value: float, true: set[str], rate: float) -> None:
 @pytest.mark.parametrize("unknowns", [False, True])
 def test_v5_undefined_division_by_zero_and_overflow_are_unknown(unknowns: bool) -> None:
     """V5: a comparison without a value is unknown, in both worlds, and so is its negation."""
-    told = world(unknowns=unknowns, numbers={"total": 0.0, "level r2": Number(0.0, 1.0, 0)})
+    state = world(unknowns=unknowns, numbers={"total": 0.0, "level r2": Number(0.0, 1.0, 0)})
     undefined = compare("level r1", GREATER, 0.0)
     for left in (
         (Operator.DIV, 1.0, Atom("total")),
@@ -208,11 +208,11 @@ def test_v5_undefined_division_by_zero_and_overflow_are_unknown(unknowns: bool) 
         (Operator.DIV, 1.0, function("level r2")),
     ):
         comparison = Comparison(GREATER, left, (0.0,))
-        assert truth(comparison, told) is U
-        assert truth(Not(comparison), told) is U
-    assert truth(undefined, told) is U
-    assert truth(Not(undefined), told) is U
-    assert truth(Or((undefined, Truism())), told) is T
+        assert truth(comparison, state) is U
+        assert truth(Not(comparison), state) is U
+    assert truth(undefined, state) is U
+    assert truth(Not(undefined), state) is U
+    assert truth(Or((undefined, Truism())), state) is T
 
 
 def test_v5_without_rates_numbers_are_doubles() -> None:
@@ -225,42 +225,42 @@ def test_v5_without_rates_numbers_are_doubles() -> None:
 def test_v5_with_a_rate_numbers_are_exact() -> None:
     """V5: a comparison that reads a function with a rate is decided in rationals of the stored doubles.
 
-    At t = 3 s a function that starts at 0 and moves by 0.1 stands at three times the double 0.1, which is more than the
-    double 0.3; rounded to doubles it would be 0.30000000000000004, and 2**53 + 1 would be 2**53.
+    At t = 3 s a function that starts at 0 and moves by 0.1 has three times the value of the double 0.1, which is more
+    than the double 0.3; rounded to doubles it would be 0.30000000000000004, and 2**53 + 1 would be 2**53.
     """
-    told = world(time=3 * SECOND, numbers={"total": Number(0.0, 0.1, 0), "level r1": Number(2.0**53, 1.0, 0)})
-    assert truth(compare("total", GREATER, 0.3), told) is T
-    assert truth(Comparison(EQUALS, (Atom("total"),), (Operator.MUL, 3.0, 0.1)), told) is T
-    assert truth(Comparison(EQUALS, (function("level r1"),), (Operator.ADD, 2.0**53, 3.0)), told) is T
+    state = world(time=3 * SECOND, numbers={"total": Number(0.0, 0.1, 0), "level r1": Number(2.0**53, 1.0, 0)})
+    assert truth(compare("total", GREATER, 0.3), state) is T
+    assert truth(Comparison(EQUALS, (Atom("total"),), (Operator.MUL, 3.0, 0.1)), state) is T
+    assert truth(Comparison(EQUALS, (function("level r1"),), (Operator.ADD, 2.0**53, 3.0)), state) is T
     just_after = world(time=3 * SECOND + 1, numbers={"total": Number(0.0, 0.1, 0)})
     assert truth(Comparison(GREATER, (Atom("total"),), (Operator.MUL, 3.0, 0.1)), just_after) is T
 
 
 def test_v5_exact_numbers_do_not_overflow() -> None:
     """V5: rationals have no largest number; only absurd sizes are refused."""
-    told = world(time=SECOND, numbers={"total": Number(1e300, 1e300, 0)})
+    state = world(time=SECOND, numbers={"total": Number(1e300, 1e300, 0)})
     huge = (Operator.MUL, Atom("total"), Atom("total"))
-    assert truth(Comparison(GREATER, huge, (1e308,)), told) is T
+    assert truth(Comparison(GREATER, huge, (1e308,)), state) is T
     absurd = (Operator.MUL, Atom("total")) * 1000 + (1.0,)
     with pytest.raises(InvalidKnowledge, match="write a simpler expression"):
-        truth(Comparison(GREATER, absurd, (0.0,)), told)
+        truth(Comparison(GREATER, absurd, (0.0,)), state)
 
 
 def test_v7_defined_asks_whether_a_function_has_a_value() -> None:
-    """V7: a function without a value in the question asks whether it is defined; `?` for any object."""
-    told = world(unknowns=True, numbers={"level r1": 0.0})
-    assert truth(Defined(function("level r1")), told) is T
-    assert truth(Defined(function("level r2")), told) is F
-    assert truth(Defined(function("level ?")), told) is T
-    assert truth(Defined(function("cost ?")), told) is F
+    """V7: a question about a function without a value asks whether it is defined; `?` for any object."""
+    state = world(unknowns=True, numbers={"level r1": 0.0})
+    assert truth(Defined(function("level r1")), state) is T
+    assert truth(Defined(function("level r2")), state) is F
+    assert truth(Defined(function("level ?")), state) is T
+    assert truth(Defined(function("cost ?")), state) is F
 
 
 def test_expressions_in_comparisons_may_be_of_any_length() -> None:
-    """No length of an expression reaches Python's recursion limit, in doubles or in rationals."""
+    """Expressions of any length stay below Python's recursion limit, in doubles and in rationals."""
     long = (Operator.ADD, 1.0) * 100_000 + (Atom("total"),)
     for rate in (0.0, 1.0):
-        told = world(numbers={"total": Number(0.5, rate, 0)})
-        assert truth(Comparison(EQUALS, long, (100_000.5,)), told) is T
+        state = world(numbers={"total": Number(0.5, rate, 0)})
+        assert truth(Comparison(EQUALS, long, (100_000.5,)), state) is T
 
 
 # -- wildcards ------------------------------------------------------------------------------------------------
@@ -268,23 +268,23 @@ def test_expressions_in_comparisons_may_be_of_any_length() -> None:
 
 @pytest.mark.parametrize("wild", ["?", "?anything", ""])
 def test_v7_a_wildcard_is_an_exists_within_its_atom(wild: str) -> None:
-    """V7: `?` matches any object, and `not` stands outside of it."""
-    told = world("at r1 p1")
-    assert truth(Atom("at", (wild, "p1")), told) is T
-    assert truth(Atom("at", (wild, "p2")), told) is F
-    assert truth(Not(Atom("at", (wild, "p1"))), told) is F
-    assert truth(Not(Atom("at", (wild, "p2"))), told) is T
+    """V7: `?` matches any object, and `not` applies outside of it."""
+    state = world("at r1 p1")
+    assert truth(Atom("at", (wild, "p1")), state) is T
+    assert truth(Atom("at", (wild, "p2")), state) is F
+    assert truth(Not(Atom("at", (wild, "p1"))), state) is F
+    assert truth(Not(Atom("at", (wild, "p2"))), state) is T
 
 
 def test_v7_two_wildcards_do_not_join() -> None:
-    """V7: two wildcards, of the same name or not, match objects of their own."""
-    told = world("linked p1 p2")
-    assert truth(Atom("linked", ("?", "?")), told) is T
-    assert truth(Atom("linked", ("?x", "?x")), told) is T
-    assert truth(exists("x:place", Atom("linked", ("?x", "?x"))), told) is F
+    """V7: two wildcards, of the same name or not, match objects independently."""
+    state = world("linked p1 p2")
+    assert truth(Atom("linked", ("?", "?")), state) is T
+    assert truth(Atom("linked", ("?x", "?x")), state) is T
+    assert truth(exists("x:place", Atom("linked", ("?x", "?x"))), state) is F
 
 
-def test_v7_in_an_open_world_a_wildcard_is_false_only_if_denied_of_all() -> None:
+def test_v7_in_an_open_world_a_wildcard_is_false_only_if_false_of_all() -> None:
     """V2, V7: unknown until it is explicitly false of every object of the parameter's type."""
     denied = [f"not free {p}" for p in ("p1", "p2", "d1", "home")]
     assert truth(Atom("free", ("?",)), world(*denied[:3], unknowns=True)) is U
@@ -293,10 +293,10 @@ def test_v7_in_an_open_world_a_wildcard_is_false_only_if_denied_of_all() -> None
     assert truth(Atom("free", ("?",)), world(*denied[:3], "free home", unknowns=True)) is T
 
 
-def test_v7_without_a_domain_nobody_knows_all_objects() -> None:
-    """V7, D2: in an open world without a domain a wildcard is never false."""
-    told = World(use_unknowns=True, objects={"a": "thing"}, facts={"p a": False})
-    assert truth(Atom("p", ("?",)), told) is U
+def test_v7_without_a_domain_a_wildcard_is_never_false_in_an_open_world() -> None:
+    """V7, D2: objects may exist that are not known, so a wildcard is never false in an open world."""
+    state = World(use_unknowns=True, objects={"a": "thing"}, facts={"p a": False})
+    assert truth(Atom("p", ("?",)), state) is U
     assert truth(Atom("p", ("?",)), World(facts={"p a": True})) is T
 
 
@@ -311,43 +311,43 @@ def test_v7_without_a_domain_nobody_knows_all_objects() -> None:
     ],
 )
 def test_v7_a_wildcard_in_a_comparison_is_refused(condition: Formula) -> None:
-    """V7: in a comparison say exists."""
+    """V7: in a comparison `exists` has to be written."""
     with pytest.raises(InvalidKnowledge, match="say exists"):
         truth(condition, world())
 
 
 def test_v7_a_bound_variable_is_not_a_wildcard() -> None:
-    """V7: what a quantifier or the caller binds stands for its object."""
-    told = world(numbers={"level r1": 1.0, "level r2": 3.0})
-    assert truth(compare("level ?r", GREATER, 2.0), told, {"r": "r2"}) is T
-    assert truth(exists("r:robot", compare("level ?r", GREATER, 2.0)), told) is T
-    assert truth(forall("r:robot", compare("level ?r", GREATER, 2.0)), told) is F
+    """V7: a variable that a quantifier or the caller binds is its object."""
+    state = world(numbers={"level r1": 1.0, "level r2": 3.0})
+    assert truth(compare("level ?r", GREATER, 2.0), state, {"r": "r2"}) is T
+    assert truth(exists("r:robot", compare("level ?r", GREATER, 2.0)), state) is T
+    assert truth(forall("r:robot", compare("level ?r", GREATER, 2.0)), state) is F
 
 
 # -- what does not exist, and what is not known ---------------------------------------------------------------
 
 
 @pytest.mark.parametrize("unknowns", [False, True])
-def test_v8_what_is_said_of_a_missing_object_is_absent(unknowns: bool) -> None:
-    """V8: no error: absent facts, undefined functions, no type; derived predicates are absent, too."""
-    told = world("free p1", unknowns=unknowns)
+def test_v8_facts_about_a_missing_object_are_absent(unknowns: bool) -> None:
+    """V8: facts are absent, functions undefined, and no type matches; derived predicates are absent, too."""
+    state = world("free p1", unknowns=unknowns)
     absent = U if unknowns else F
-    assert truth(Atom("free", ("ghost",)), told) is absent
-    assert truth(Atom("reach", ("ghost", "p1")), told) is absent
-    assert truth(exists("x:place", Atom("reach", ("?x", "ghost"))), told) is absent
-    assert truth(Atom("reach", ("?", "ghost")), told) is absent
-    assert truth(compare("level ghost", GREATER, 0.0), told) is U
-    assert truth(IsA("ghost", "robot"), told) is F
-    assert truth(IsA("ghost"), told) is F
+    assert truth(Atom("free", ("ghost",)), state) is absent
+    assert truth(Atom("reach", ("ghost", "p1")), state) is absent
+    assert truth(exists("x:place", Atom("reach", ("?x", "ghost"))), state) is absent
+    assert truth(Atom("reach", ("?", "ghost")), state) is absent
+    assert truth(compare("level ghost", GREATER, 0.0), state) is U
+    assert truth(IsA("ghost", "robot"), state) is F
+    assert truth(IsA("ghost"), state) is F
 
 
 def test_is_a_asks_for_the_type_and_its_subtypes() -> None:
-    """V4: an object is of its type and of all types above; without a type the question is whether it exists."""
-    told = world()
-    kinds = [truth(IsA("D1", kind), told) for kind in ("dock", "Place", "thing", "object", "", "robot")]
+    """V4: an object is of its type and of all supertypes; without a type the question is whether it exists."""
+    state = world()
+    kinds = [truth(IsA("D1", kind), state) for kind in ("dock", "Place", "thing", "object", "", "robot")]
     assert kinds == [T, T, T, T, T, F]
-    assert truth(IsA("home", "dock"), told) is T
-    assert truth(IsA("?", "robot"), told) is T
+    assert truth(IsA("home", "dock"), state) is T
+    assert truth(IsA("?", "robot"), state) is T
     assert truth(IsA("?", "robot"), world(objects={})) is F
 
 
@@ -363,7 +363,7 @@ def test_is_a_asks_for_the_type_and_its_subtypes() -> None:
     ],
 )
 def test_v8_unknown_symbols_are_refused_in_every_branch(condition: Formula, sentence: str) -> None:
-    """V8: a symbol that the domain does not know is UnknownSymbol, also where evaluation would not come by."""
+    """V8: a symbol that the domain does not know is UnknownSymbol, also in a branch that is not evaluated."""
     for hidden in (condition, Or((Truism(), Not(condition))), forall("z:robot", Imply(Or(()), condition))):
         with pytest.raises(UnknownSymbol, match=sentence):
             truth(hidden, world(objects={}))
@@ -377,7 +377,7 @@ def test_a_wrong_number_of_arguments_is_refused(condition: Formula) -> None:
 
 
 def test_without_a_domain_every_symbol_is_known() -> None:
-    """D2: a predicate that nobody has told anything with is absent."""
+    """D2: a predicate without any assertion is absent."""
     assert truth(Atom("flies", ("r1",)), World()) is F
     assert truth(Atom("p", ("a", "?", "?")), World(facts={"p a": True})) is F
 
@@ -406,14 +406,14 @@ def test_duration_is_given_with_the_question() -> None:
 
 
 def test_a_variable_declared_twice_is_refused() -> None:
-    """One quantifier declares a variable once."""
+    """One quantifier may declare a variable only once."""
     with pytest.raises(InvalidKnowledge, match=r"declares \?X twice"):
         check(exists("x:robot X:place", Truism()), DOMAIN)
 
 
 @pytest.mark.parametrize("depth", [150, 100_000])
 def test_deep_nesting_is_evaluated_or_refused(depth: int) -> None:
-    """Conditions nested 150 deep are evaluated in any form; what is far deeper is refused, never a RecursionError."""
+    """Conditions nested 150 deep are evaluated in any form; far deeper ones are refused, never a RecursionError."""
     nested: dict[str, Formula] = {"not": ALARM, "and": ALARM, "exists": ALARM, "imply": ALARM}
     robots = (Parameter("x", ("robot",)),)
     for _ in range(depth):
@@ -436,7 +436,7 @@ def test_a_quantifier_of_many_variables() -> None:
 
 
 def test_one_evaluation_answers_several_questions_of_one_world() -> None:
-    """An Evaluation reads and derives once; its answers are those of single questions."""
+    """An Evaluation reads and derives once; its answers are those of separate questions."""
     reads = []
 
     class Counting(World):
@@ -444,8 +444,8 @@ def test_one_evaluation_answers_several_questions_of_one_world() -> None:
             reads.append(name)
             return super().facts(name)
 
-    told = Counting(DOMAIN, objects=OBJECTS, facts={"linked p1 p2": True, "linked p2 d1": True})
-    evaluation = Evaluation(told)
+    state = Counting(DOMAIN, objects=OBJECTS, facts={"linked p1 p2": True, "linked p2 d1": True})
+    evaluation = Evaluation(state)
     assert evaluation.truth(Atom("reach", ("p1", "d1"))) is T
     assert evaluation.truth(Atom("reach", ("d1", "p1"))) is F
     assert evaluation.truth(Atom("reach", ("?x", "p2")), {"x": "p1"}) is T

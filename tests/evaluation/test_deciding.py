@@ -59,13 +59,13 @@ def test_the_first_decisive_part_or_all_that_are_needed(condition: Formula, part
 
 
 def test_unknown_is_decided_by_all_unknown_parts() -> None:
-    """V6: nothing but the unknown parts keeps the answer from being known."""
+    """V6: only the unknown parts make the answer unknown."""
     assert deciding(And((FREE2, FREE1, AT1)), OPEN) == [(FREE1, U), (AT1, U)]
     assert deciding(Or((ALARM, FREE1)), OPEN) == [(FREE1, U)]
     assert deciding(And((FREE1, ALARM)), OPEN) == [(ALARM, F)]
 
 
-def test_a_witness_and_a_counterexample_stand_in_for_their_quantifier() -> None:
+def test_a_witness_or_a_counterexample_replaces_its_quantifier() -> None:
     """V6: a true exists and a false forall are decided by one instance, with its objects."""
     somewhere = exists("r:robot p:place", And((Atom("at", ("?r", "?p")), POOR)))
     poor = Comparison(ComparisonType.LESS, (Atom("level", ("r1",)),), (20.0,))
@@ -75,7 +75,7 @@ def test_a_witness_and_a_counterexample_stand_in_for_their_quantifier() -> None:
 
 
 def test_a_quantifier_that_needs_all_instances_is_one_part() -> None:
-    """V6: a false exists and a true forall are not taken apart; variables that are bound outside are filled in."""
+    """V6: a false exists and a true forall stay whole; variables that are bound outside are filled in."""
     nowhere = exists("p:place", Atom("at", ("?r", "?p")))
     assert deciding(nowhere, WORLD, {"r": "r2"}) == [(exists("p:place", Atom("at", ("r2", "?p"))), F)]
     empty = forall("x:dock", Same("?x", "home"))
@@ -83,7 +83,7 @@ def test_a_quantifier_that_needs_all_instances_is_one_part() -> None:
 
 
 def test_a_wildcard_is_replaced_by_the_first_match() -> None:
-    """V6: what makes an atom with a wildcard true is a fact; where none does it stays as it is."""
+    """V6: a true atom with a wildcard is decided by a fact; where no fact matches, it stays as it is."""
     assert deciding(Atom("at", ("?", "?where")), WORLD) == [(AT1, T)]
     assert deciding(Not(Atom("at", ("r2", "?"))), WORLD) == [(Atom("at", ("r2", "?")), F)]
     linked = World(DOMAIN, objects=OBJECTS, facts={"linked p1 p2": True})
@@ -91,7 +91,7 @@ def test_a_wildcard_is_replaced_by_the_first_match() -> None:
 
 
 def test_bindings_are_filled_in() -> None:
-    """V6: parts have objects for the variables that the caller binds; names stay as they are written."""
+    """V6: parts have objects for the variables that the caller binds; names stay as written."""
     assert deciding(And((Atom("AT", ("?R", "P1")), FREE2)), WORLD, {"r": "r1"})[0] == (Atom("AT", ("r1", "P1")), T)
 
 
@@ -103,8 +103,8 @@ def test_questions_are_checked_first() -> None:
 
 @settings(max_examples=50, deadline=None)
 @given(conditions(), worlds())
-def test_every_deciding_part_has_the_truth_value_that_comes_with_it(condition: Formula, world: World) -> None:
-    """V6: parts are ground, contain no connectives, and have the stated truth value."""
+def test_every_deciding_part_has_the_returned_truth_value(condition: Formula, world: World) -> None:
+    """V6: parts are ground, contain no connectives, and have the returned truth value."""
     parts = deciding(condition, world)
     assert parts
     for part, part_truth in parts:

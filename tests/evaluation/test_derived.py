@@ -48,10 +48,10 @@ def domain(*rules: DerivedRule, predicates: tuple[str, ...] = ()) -> Domain:
 
 def graph(about: Domain, *edges: str, unknowns: bool = False, **facts: bool) -> World:
     """Nodes a to e with the edges ``"ab"``."""
-    told = {f"edge {a} {b}": True for a, b in map(tuple, edges)} | {
+    facts = {f"edge {a} {b}": True for a, b in map(tuple, edges)} | {
         f.replace("_", " "): sign for f, sign in facts.items()
     }
-    return World(about, use_unknowns=unknowns, objects=dict.fromkeys("abcde", "node"), facts=told)
+    return World(about, use_unknowns=unknowns, objects=dict.fromkeys("abcde", "node"), facts=facts)
 
 
 EDGE_XY, REACH_XY = Atom("edge", ("?x", "?y")), Atom("reach", ("?x", "?y"))
@@ -62,7 +62,7 @@ REACH = domain(rule("reach x:node y:node", Or((EDGE_XY, STEP))))
 @settings(max_examples=40, deadline=None)
 @given(worlds())
 def test_v9_every_derived_atom_of_random_worlds(world: World) -> None:
-    """V9: derived predicates are what the naive fixpoints of all ground rules say, in closed and open worlds."""
+    """V9: derived predicates equal the naive fixpoints of all ground rules, in closed and open worlds."""
     table = brute_force.derived_table(world)
     evaluation = Evaluation(world)
     for name in RULES:
@@ -73,7 +73,7 @@ def test_v9_every_derived_atom_of_random_worlds(world: World) -> None:
 
 
 def test_v9_transitive_closure() -> None:
-    """V9: true if derivable, in a closed world false if not."""
+    """V9: an atom is true if derivable; otherwise it is false in a closed world."""
     world = graph(REACH, "ab", "bc", "de", "ed")
     true = {pair for pair in product("abcde", repeat=2) if truth(Atom("reach", pair), world) is T}
     assert true == set(map(tuple, ("ab", "bc", "ac", "de", "ed", "dd", "ee")))
@@ -102,18 +102,18 @@ def test_v8_a_wildcard_next_to_a_missing_object() -> None:
 
 
 def test_v8_a_rule_may_name_a_missing_object() -> None:
-    """V8, V9: of it a derived predicate is absent, in an open world unknown, also in a rule that is recursive."""
+    """V8, V9: a derived predicate of it is absent, in an open world unknown, also by a recursive rule."""
     step = exists("y:node", And((EDGE_XY, Atom("p", ("?y",)), Atom("low", ("ghost",)))))
     about = domain(rule("p x:node", Or((Atom("marked", ("?x",)), step))), rule("low x:node", Atom("marked", ("?x",))))
-    told = {f"edge_{a}_{b}": a + b in ("ab", "bc", "cd", "de") for a, b in product("abcde", repeat=2)}
-    told |= {f"marked_{n}": n == "e" for n in "abcde"}
+    facts = {f"edge_{a}_{b}": a + b in ("ab", "bc", "cd", "de") for a, b in product("abcde", repeat=2)}
+    facts |= {f"marked_{n}": n == "e" for n in "abcde"}
     for unknowns, expected in ((False, [F, F, F, F, T]), (True, [U, U, U, U, T])):
-        world = graph(about, unknowns=unknowns, **told)
+        world = graph(about, unknowns=unknowns, **facts)
         assert [truth(Atom("p", (n,)), world) for n in "abcde"] == expected
 
 
-def test_v7_a_wildcard_matches_what_exists_only() -> None:
-    """V7: objects that exist and are of the parameter's type, in questions, in rules and over time."""
+def test_v7_a_wildcard_matches_existing_objects_only() -> None:
+    """V7: existing objects of the parameter's type, in questions, in rules and over time."""
     about = domain(rule("leads x:node", Atom("edge", ("?x", "?"))))
     objects, facts = {"a": "node", "c": "object"}, {"edge a ghost": True, "edge a c": True}
     world, trajectory = World(about, objects=objects, facts=facts), History((0, 10), about, objects=objects)
@@ -140,7 +140,7 @@ def test_v9_derived_predicates_change_when_objects_come_and_go() -> None:
 
 
 def test_v9_a_comparison_without_a_value_makes_unknown() -> None:
-    """V9, V5: in a closed world, too, what depends on an undefined function is unknown."""
+    """V9, V5: in a closed world, too, an atom that depends on an undefined function is unknown."""
     cheap = Comparison(ComparisonType.LESS, (Atom("cost", ("?x",)),), (5.0,))
     about = domain(
         rule("good x:node", And((Atom("marked", ("?x",)), cheap))),
@@ -156,14 +156,14 @@ def test_v9_a_comparison_without_a_value_makes_unknown() -> None:
 
 
 def test_v9_heads_range_over_the_types_of_rule_and_declaration() -> None:
-    """V9: a rule derives only what is of the types of its own head and of the predicate's declaration."""
+    """V9: a rule derives only atoms with the types of its own head and of the predicate's declaration."""
     about = domain(rule("p x:node", Or(())), rule("p x:leaf", Truism()), rule("p x", Atom("marked", ("?x",))))
     world = World(about, objects={"a": "node", "b": "leaf", "c": "object"}, facts={"marked a": True, "marked c": True})
     assert [truth(Atom("p", (n,)), world) for n in "abc"] == [T, T, F]
 
 
 def test_v9_rules_with_quantifiers_of_one_name() -> None:
-    """V9: variables of different quantifiers stay apart, whatever they are called."""
+    """V9: variables of different quantifiers are independent, even with equal names."""
     twice = And(
         (exists("y:node", EDGE_XY), exists("y:node", Atom("edge", ("?y", "?x"))), Not(Atom("edge", ("?x", "?y"))))
     )
@@ -193,7 +193,7 @@ def test_v9_rules_that_are_never_true_and_heads_without_arguments() -> None:
 
 
 def test_v9_many_alternatives_in_one_rule() -> None:
-    """V9: a rule whose disjunctions multiply beyond measure is evaluated all the same."""
+    """V9: a rule whose disjunctions multiply enormously is evaluated all the same."""
     choice = Or((Atom("marked", ("?x",)), exists("z:node", And((Atom("edge", ("?x", "?z")), Atom("p", ("?z",)))))))
     about = domain(rule("p x:node", And((choice,) * 12)))
     world = graph(about, "ab", "bc", "de", marked_c=True)
@@ -203,23 +203,23 @@ def test_v9_many_alternatives_in_one_rule() -> None:
 @pytest.mark.parametrize("unknowns", [False, True])
 @pytest.mark.parametrize("density", [0.0, 0.02, 1.0])
 def test_v9_the_closure_of_200_nodes(density: float, unknowns: bool) -> None:
-    """V9: the rows of a random graph's closure are those of Warshall's algorithm, found without trying all triples."""
+    """V9: the closure of a random graph equals that of Warshall's algorithm, found without trying all triples."""
     size, chance = 200, random.Random(7)
     nodes = [f"n{i}" for i in range(size)]
     successors = [{j for j in range(size) if j == i + 1 or chance.random() < density} for i in range(size)]
-    told = {f"edge n{i} n{j}": True for i in range(size) for j in successors[i]}
+    facts = {f"edge n{i} n{j}": True for i in range(size) for j in successors[i]}
     for k in range(size):
         for i in range(size):
             if k in successors[i]:
                 successors[i] |= successors[k]
-    world = World(REACH, use_unknowns=unknowns, objects=dict.fromkeys(nodes, "node"), facts=told)
+    world = World(REACH, use_unknowns=unknowns, objects=dict.fromkeys(nodes, "node"), facts=facts)
     certain, possible = Evaluation(world).derived.relations("reach")
     assert set(certain) == {(nodes[i], nodes[j]) for i in range(size) for j in successors[i]}
     assert len(possible) == (size * size if unknowns else len(certain))
 
 
-def test_only_what_is_asked_for_is_derived() -> None:
-    """A question derives the predicates that it names and those on which they depend."""
+def test_only_needed_predicates_are_derived() -> None:
+    """A question derives only the predicates that it names and those on which they depend."""
     about = domain(
         rule("reach x:node y:node", Or((EDGE_XY, STEP))),
         rule("hit x:node", Atom("target", ("?x",))),
@@ -238,7 +238,7 @@ def test_only_what_is_asked_for_is_derived() -> None:
 
 
 def test_deep_rules_and_deep_questions() -> None:
-    """V9: the depth of a rule adds to that of the question that asks for it, and both are evaluated."""
+    """V9: rules and questions may be deep together."""
 
     def nested(condition: Formula) -> Formula:
         for _ in range(75):
@@ -285,7 +285,7 @@ def test_recursion_through_a_negation_is_refused(body: Formula) -> None:
 
 
 def test_a_predicate_under_two_negations_counts_as_positive() -> None:
-    """V9: recursion through a double negation is allowed: what is negated twice is used positively."""
+    """V9: recursion through a double negation is allowed, as it is positive."""
     about = domain(
         rule(
             "p x:node",
@@ -298,7 +298,7 @@ def test_a_predicate_under_two_negations_counts_as_positive() -> None:
 
 
 def test_a_long_chain_of_rules_does_not_recurse() -> None:
-    """V9: 3,000 derived predicates, each from the next, do not reach Python's recursion limit."""
+    """V9: 3,000 derived predicates, each from the next, stay below Python's recursion limit."""
     size = 3_000
     chain = [rule(f"p{i}", Atom(f"p{i + 1}") if i < size - 1 else Truism()) for i in range(size)]
     about = domain(*chain)

@@ -62,8 +62,8 @@ def test_the_seven_expressions_that_the_original_gets_wrong(expression: NumericE
 
 @settings(deadline=None)
 @given(EXPRESSIONS)
-def test_random_expressions_have_the_value_that_python_gives_them(expression: NumericExpression) -> None:
-    """V5: arithmetic is that of IEEE doubles; division by zero is an error of its own."""
+def test_random_expressions_agree_with_python(expression: NumericExpression) -> None:
+    """V5: arithmetic is that of IEEE doubles; division by zero is a separate error."""
     try:
         expected = eval(infix(list(expression)), FUNCTIONS.copy())
     except ZeroDivisionError:
@@ -82,14 +82,14 @@ def test_a_function_is_read_at_the_worlds_time() -> None:
     assert evaluate((BATTERY,), world) == 80.0 - 0.5 * 3.0
 
 
-def test_variables_are_replaced_by_their_objects_whatever_the_case() -> None:
-    """D3: a variable stands for its object; names are compared without regard to case."""
+def test_variables_are_replaced_by_their_objects_in_any_case() -> None:
+    """D3: a variable is replaced by its object; names are compared without regard to case."""
     world = World(numbers={"battery kenny": 7.0})
     assert evaluate((Atom("battery", ("?R",)),), world, {"r": "Kenny"}) == 7.0
 
 
-def test_an_undefined_function_is_named_with_the_moment() -> None:
-    """V5: asked for its value, what is undefined is UndefinedFunction, never 0."""
+def test_the_error_of_an_undefined_function_names_it_and_the_time() -> None:
+    """V5: the value of an undefined function is UndefinedFunction, not 0."""
     with pytest.raises(UndefinedFunction, match=r"\(Battery Kenny\).*1970-01-01T00:00:12\.5Z"):
         evaluate((ADD, 1.0, BATTERY), World(time=12_500_000_000))
     with pytest.raises(UndefinedFunction, match=r"\(Battery kenny\)"):
@@ -106,7 +106,7 @@ def test_an_undefined_function_is_named_with_the_moment() -> None:
     ],
 )
 def test_a_division_by_zero_names_the_divisor(expression: NumericExpression, divisor: str) -> None:
-    """V5: asked for its value, a division by zero is DivisionByZero."""
+    """V5: the value of a division by zero is DivisionByZero."""
     with pytest.raises(DivisionByZero, match=divisor):
         evaluate(expression, World(numbers={"battery kenny": 0.0}), duration=0.0)
 
@@ -119,13 +119,13 @@ def test_a_division_by_zero_names_the_divisor(expression: NumericExpression, div
         (SpecialType.DURATION, r"\?duration has a value only in an action"),
     ],
 )
-def test_special_numbers_are_refused_where_they_have_no_meaning(token: SpecialType, sentence: str) -> None:
-    """A special number that nothing gives has no value, rather than 0."""
+def test_special_numbers_without_a_value_are_refused(token: SpecialType, sentence: str) -> None:
+    """A special number that is not given has no value, rather than 0."""
     with pytest.raises(InvalidKnowledge, match=sentence):
         evaluate((MUL, token, 2.0), NOWHERE)
 
 
-def test_special_numbers_have_the_value_that_is_given() -> None:
+def test_special_numbers_have_the_given_value() -> None:
     """``?duration`` and ``total-time`` are seconds that the caller gives."""
     expression = (SUB, SpecialType.TOTAL_TIME, MUL, 2.0, SpecialType.DURATION)
     assert evaluate(expression, NOWHERE, duration=1.5, total_time=10.0) == 7.0
@@ -142,7 +142,7 @@ def test_overflow_is_refused_even_if_the_result_were_finite(expression: NumericE
 
 
 def test_a_function_that_has_moved_beyond_all_doubles_is_refused() -> None:
-    """C7: overflow is InvalidKnowledge, also where a rate leads there."""
+    """C7: overflow is InvalidKnowledge, also where a rate causes it."""
     with pytest.raises(InvalidKnowledge, match="overflow"):
         evaluate((Atom("f"),), World(time=10 * SECOND, numbers={"f": Number(1e308, 1e308, 0)}))
 
@@ -156,20 +156,20 @@ def test_infinities_and_nan_are_refused(token: float) -> None:
 
 @pytest.mark.parametrize("argument", ["?", "?r", ""])
 def test_a_wildcard_in_a_function_is_refused_with_advice(argument: str) -> None:
-    """V7: a number is read of one object; for any object say exists."""
+    """V7: a number is read of one object; the error advises `exists`."""
     with pytest.raises(InvalidKnowledge, match=r"say exists: \(exists \(\?[rx] - object\)"):
         evaluate((Atom("battery", (argument,)),), NOWHERE, {"other": "kenny"})
 
 
 @pytest.mark.parametrize("expression", [(), (ADD, 1.0), (1.0, 2.0), (MINUS,), (ADD, ADD, 1.0, 2.0)])
 def test_tokens_that_are_not_an_expression_are_refused(expression: NumericExpression) -> None:
-    """An expression is one expression in prefix order."""
+    """The tokens have to be exactly one expression in prefix order."""
     with pytest.raises(InvalidKnowledge, match=r"prefix order|is empty"):
         evaluate(expression, NOWHERE)
 
 
 def test_expressions_of_any_depth_and_length() -> None:
-    """No depth of nesting reaches Python's recursion limit: 100,000 operators one within the other."""
+    """An expression of 100,000 nested operators stays below Python's recursion limit."""
     deep = (ADD, 1.0) * 100_000 + (Atom("f"),)
     deep_left = (ADD,) * 100_000 + (Atom("f"),) + (1.0,) * 100_000
     world = World(numbers={"f": 0.5})

@@ -1,4 +1,4 @@
-"""Conditions in a world that finds facts by their objects: the same answers, and nothing read as a whole."""
+"""Conditions in a world with an index of facts by object: the answers are the same, and no relation is read whole."""
 
 from collections.abc import Collection, Iterable, Iterator
 
@@ -16,7 +16,7 @@ from tests.evaluation.strategies import DOMAIN, conditions, exists, worlds
 
 
 class Indexed(World):
-    """A world with an index, which counts what is read as a whole."""
+    """A world with an index, which counts the relations that are read whole."""
 
     whole = 0
 
@@ -45,7 +45,7 @@ def indexed(world: World) -> Indexed:
 @settings(max_examples=100, deadline=None)
 @given(conditions(), worlds())
 def test_random_conditions_are_the_same(read_all: int, condition: Formula, world: World) -> None:
-    """V2 to V5, V7 to V9: however soon it gives up looking single things up."""
+    """V2 to V5, V7 to V9: at any limit of single look-ups."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(joins, "_READ_ALL", read_all)
         assert truth(condition, indexed(world)) is brute_force.truth(condition, world)
@@ -54,7 +54,7 @@ def test_random_conditions_are_the_same(read_all: int, condition: Formula, world
 @settings(max_examples=60, deadline=None)
 @given(conditions(), worlds())
 def test_random_conditions_without_a_domain_are_the_same(condition: Formula, world: World) -> None:
-    """D2: without a domain, too."""
+    """D2: also without a domain."""
     world.domain = None
     assert truth(condition, indexed(world)) is brute_force.truth(condition, world)
 

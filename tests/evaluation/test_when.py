@@ -75,7 +75,7 @@ def test_when_agrees_with_brute_force_at_every_nanosecond(condition: Formula, tr
 @settings(max_examples=40, deadline=None)
 @given(conditions(linear=True, depth=2, domain=FREE_OF_RULES), histories(domain=FREE_OF_RULES))
 def test_when_without_a_domain(condition: Formula, trajectory: History) -> None:
-    """Q4, D2: the same on what is told without a domain."""
+    """Q4, D2: assertions without a domain give the same answers."""
     trajectory.domain = None
     assert agrees(condition, trajectory)
 
@@ -103,7 +103,7 @@ def test_any_comparison_is_right_or_not_linear(
 def test_crossings_are_exact_to_the_nanosecond(
     value: float, rate: float, since: int, bound: float, comparison: ComparisonType
 ) -> None:
-    """Q4, V5: at the ends of each piece, and one nanosecond to each side, the moment's answer is the same."""
+    """Q4, V5: at the ends of each piece, and one nanosecond to each side, the answer at that time is the same."""
     trajectory = moving(2**61, x=Number(value, rate, since))
     condition = Comparison(comparison, (X,), (bound,))
     for start, end, found in when.truths(condition, trajectory):
@@ -116,7 +116,7 @@ def test_crossings_are_exact_to_the_nanosecond(
 @settings(max_examples=30, deadline=None)
 @given(conditions(), histories(), st.integers(0, 20))
 def test_moment_gives_the_state_at_one_time_of_the_span(condition: Formula, trajectory: History, t: int) -> None:
-    """Q4: `moment` gives what stands at one time of the span."""
+    """Q4: `moment` returns the state at one time of the span."""
     t = trajectory.span[0] + t % (trajectory.span[1] - trajectory.span[0])
     view, world = TrajectoryAt(trajectory, t), trajectory.at(t)
     assert truth(condition, view) is truth(condition, world)
@@ -129,7 +129,7 @@ def test_moment_gives_the_state_at_one_time_of_the_span(condition: Formula, traj
 
 
 def test_maximal_half_open_intervals() -> None:
-    """Q4: what meets is one interval, in the span only."""
+    """Q4: adjacent pieces are joined into one interval, inside the span only."""
     trajectory = history(facts={"free p1": [(0, 10, True), (10, 20, True), (20, 30, False), (40, 50, True)]})
     assert when.intervals(FREE, trajectory) == [(0, 20), (40, 50)]
     assert when.intervals(Not(FREE), trajectory) == [(20, 40), (50, 100)]
@@ -165,7 +165,7 @@ def test_v4_quantifiers_respect_when_objects_exist() -> None:
 
 
 def test_v7_wildcards_over_time() -> None:
-    """V7: of any object at each time; false in an open world only while denied of all that exist."""
+    """V7: of any object at each time; false in an open world only while explicitly false of all that exist."""
     objects = {"r1": [(0, 100, "robot")], "r2": [(20, 60, "robot")]}
     facts = {"at r1 home": [(0, 10, True), (10, 100, False)], "at r2 home": [(30, 50, False), (50, 60, True)]}
     wild = Atom("at", ("?", "home"))
@@ -182,7 +182,7 @@ def test_v7_wildcards_over_time() -> None:
 
 
 def test_v7_a_wildcard_is_unknown_again_when_an_explicit_negative_ends() -> None:
-    """V7: in an open world a wildcard is unknown again when something is no longer denied."""
+    """V7: in an open world a wildcard is unknown again when one fact is no longer explicitly false."""
     objects = {"r1": [(0, 100, "robot")]}
     trajectory = history(unknowns=True, objects=objects, facts={"at r1 home": [(10, 20, False)]})
     assert when.truths(Atom("at", ("?", "home")), trajectory) == [(0, 10, U), (10, 20, F), (20, 100, U)]
@@ -203,7 +203,7 @@ def test_v4_quantifiers_over_time_in_an_open_world() -> None:
 
 
 def test_existence_equality_and_definedness_over_time() -> None:
-    """Q4, V8: what does not exist is of no type; a function is defined in its pieces."""
+    """Q4, V8: a missing object has no type; a function is defined in its pieces."""
     objects = {"p1": [(10, 20, "place"), (30, 40, "dock")]}
     trajectory = history(objects=objects, numbers={"total": [(5, 15, Number(1.0))]})
     assert when.intervals(IsA("p1"), trajectory) == [(10, 20), (30, 40)]
@@ -238,7 +238,7 @@ def test_questions_are_checked_and_an_empty_span_has_no_intervals() -> None:
 
 
 def test_v8_derived_predicates_over_time() -> None:
-    """V9, V8: derived where its rules are; of what does not exist absent, unknown in an open world."""
+    """V9, V8: atoms are derived where the rules apply; for a missing object absent, unknown in an open world."""
     objects = {"p1": [(0, 80, "place")], "p2": [(0, 100, "place")], "d1": [(0, 100, "dock")]}
     facts = {"linked p1 p2": [(10, 40, True), (60, 80, True)], "linked p2 d1": [(30, 70, True)]}
     reach = Atom("reach", ("p1", "d1"))
@@ -251,7 +251,7 @@ def test_v8_derived_predicates_over_time() -> None:
 
 
 def test_v9_a_derived_predicate_that_compares_changes_at_the_crossing() -> None:
-    """V9, Q4: between its facts' changes, too, a derived predicate is exact to the nanosecond."""
+    """V9, Q4: between changes of its facts, too, a derived predicate is exact to the nanosecond."""
     trajectory = moving(10 * SECOND, x=Number(10.0, -1.0, 0), y=Number(50.0, 0.0, 0), total=Number(4.0, 0.5, 0))
     # 10 - t < 4 + t / 2 from t = 4 on
     assert when.intervals(Atom("low", ("r1",)), trajectory) == [(4 * SECOND + 1, 10 * SECOND)]
@@ -279,7 +279,7 @@ def test_v9_a_derived_predicate_that_compares_changes_at_the_crossing() -> None:
         (EQUALS, (X,), (Y,), []),
         (GREATER, (SUB, X, Y), (1.0,), [(0, 3 * SECOND)]),
         (LESS, (ADD, X, MUL, 2.0, Y), (10.5,), [(0, 10 * SECOND)]),
-        # total stands still at 4
+        # total does not move from 4
         (GREATER, (MUL, X, TOTAL), (20.0,), [(0, 2_500_000_000)]),
         (GREATER, (DIV, X, TOTAL), (1.25,), [(0, 2_500_000_000)]),
         # what is not linear cancels out
@@ -293,7 +293,7 @@ def test_v9_a_derived_predicate_that_compares_changes_at_the_crossing() -> None:
 def test_q4_crossings_of_linear_expressions(
     comparison: ComparisonType, left: NumericExpression, right: NumericExpression, expected: list[tuple[int, int]]
 ) -> None:
-    """Q4: a comparison linear in time has its crossing solved; equality holds for single nanoseconds."""
+    """Q4: the crossing of a comparison linear in time is solved; equality holds for single nanoseconds."""
     trajectory = moving(10 * SECOND, x=Number(10.0, -2.0, 0), y=Number(0.0, 1.0, 0), total=Number(4.0))
     assert when.intervals(Comparison(comparison, left, right), trajectory) == expected
 
@@ -309,15 +309,15 @@ def test_q4_crossings_of_linear_expressions(
         (MUL, X, MUL, Y, MUL, X, MUL, X, Y),
     ],
 )
-def test_q4_what_is_not_linear_is_refused(expression: NumericExpression) -> None:
-    """Q4: two moving functions multiplied, or division by one, is NotLinear and names them."""
+def test_q4_a_nonlinear_comparison_is_refused(expression: NumericExpression) -> None:
+    """Q4: a product of two moving functions, or a division by one, is NotLinear and names them."""
     trajectory = moving(10 * SECOND, x=Number(10.0, -2.0, 0), y=Number(0.0, 1.0, 0))
     with pytest.raises(NotLinear, match=r"1970-01-01T00:00:00Z to 1970-01-01T00:00:10Z, where \(level r[12]\)"):
         when.intervals(Comparison(GREATER, expression, (1.0,)), trajectory)
 
 
-def test_q4_only_the_span_that_is_asked_for_must_be_linear() -> None:
-    """Q4: the product is linear while one of the functions rests or has no value."""
+def test_q4_a_comparison_must_be_linear_in_the_span_only() -> None:
+    """Q4: the product is linear while one of the functions does not move or has no value."""
     rest, rise = Number(2.0), Number(0.0, 1e9, 0)
     product = Comparison(GREATER, (MUL, X, Y), (40.0,))
     numbers = {"level r1": [(0, 50, rest), (50, 60, rise)], "level r2": [(0, 50, rise)]}
@@ -341,7 +341,7 @@ def test_q4_a_function_of_many_pieces() -> None:
 
 
 def test_q4_a_constant_comparison_is_one_piece() -> None:
-    """V5: numbers alone are compared as at a moment; without a value it is unknown throughout."""
+    """V5: numbers alone are compared as at one time; without a value it is unknown throughout."""
     trajectory = history()
     assert when.truths(Comparison(LESS, (1.0,), (2.0,)), trajectory) == [(0, 100, T)]
     assert when.truths(Comparison(LESS, (DIV, 1.0, 0.0), (2.0,)), trajectory) == [(0, 100, U)]
@@ -351,7 +351,7 @@ def test_q4_a_constant_comparison_is_one_piece() -> None:
 
 
 class Reading(History):
-    """A history that notes what is read of it."""
+    """A history that records which parts of it are read."""
 
     def __init__(self, *args: object, **kwargs: object) -> None:
         super().__init__(*args, **kwargs)  # type: ignore[arg-type]
@@ -367,7 +367,7 @@ class Reading(History):
 
 
 def test_a_question_about_one_fact_reads_that_fact_only() -> None:
-    """Q4: it reads what the question needs; a predicate under a quantifier is read once, all of it."""
+    """Q4: it reads the facts that the question needs; a predicate under a quantifier is read once, whole."""
     trajectory = Reading(
         (0, 100), DOMAIN, objects=OBJECTS, facts={"free p1": [(0, 5, True)], "free p2": [(3, 9, True)]}
     )
@@ -379,7 +379,7 @@ def test_a_question_about_one_fact_reads_that_fact_only() -> None:
 
 
 def test_ten_thousand_intervals_come_back_one_by_one() -> None:
-    """Q4: a long history of one fact comes back interval by interval."""
+    """Q4: a long history of one fact is returned interval by interval."""
     size, chance = 10_000, random.Random(3)
     cuts = sorted(chance.sample(range(10**6), 2 * size))
     spans = list(zip(cuts[::2], cuts[1::2], strict=True))

@@ -42,7 +42,7 @@ def action(
     duration: list[tuple[ComparisonType, NumericExpression]] | None = None,
     durative: bool | None = None,
 ) -> Action:
-    """The action ``act``; durative if it has a duration, unless told."""
+    """The action ``act``; durative if it has a duration, unless `durative` is given."""
     return Action(
         "act",
         parameters(takes),
@@ -84,5 +84,5 @@ def world(
 
 
 def grounded(act: Action, *arguments: str) -> GroundAction:
-    """The action with objects, which are taken to exist."""
+    """The action with objects, which are assumed to exist."""
     return ground(robots(act), "act", arguments, world(act))

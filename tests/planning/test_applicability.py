@@ -1,4 +1,4 @@
-"""Whether an operator can be applied, and what keeps it from it (rule O1)."""
+"""Whether an operator is applicable, and which conditions fail (rule O1)."""
 
 import pytest
 
@@ -33,14 +33,14 @@ def failing(*asked):
     return [condition for condition, _ in planning.failing(*asked)]
 
 
-def test_what_holds_is_not_named():
+def test_conditions_that_hold_are_not_named():
     """O1: an operator is applicable where each at-start condition is true."""
     act = action("r:robot p:wp", conditions=[(START, And((atom("at ?r ?p"), Not(atom("docked ?r")))))])
     assert unsatisfied(grounded(act, "kenny", "wp0"), world(facts={"at kenny wp0": True})) == []
 
 
 def test_each_condition_that_fails_is_named():
-    """O1: the answer names each part that fails, with objects; a part that holds is not named."""
+    """O1: the answer names each failing part, with objects, and no part that holds."""
     enough = Comparison(MORE, tokens("battery ?r"), (20.0,))
     act = action("r:robot p:wp", conditions=[(START, And((atom("at ?r ?p"), Not(atom("docked ?r")), enough)))])
     before = world(facts={"docked kenny": True, "at kenny wp0": True}, numbers={"battery kenny": 5})
@@ -51,14 +51,14 @@ def test_each_condition_that_fails_is_named():
 
 
 def test_unknown_is_not_applicable():
-    """V3, V6: with `use_unknowns` a condition has to be true; that it is not false is not enough."""
+    """V3, V6: with `use_unknowns` a condition has to be true; an unknown one is not enough."""
     act = action("r:robot", conditions=[(START, Not(atom("docked ?r")))])
     assert unsatisfied(grounded(act, "kenny"), world(use_unknowns=True)) == [Not(atom("docked kenny"))]
     assert unsatisfied(grounded(act, "kenny"), world(facts={"docked kenny": False}, use_unknowns=True)) == []
 
 
 def test_quantified_conditions_and_disjunctions_are_named_whole():
-    """O1: what is not a conjunction is one condition."""
+    """O1: anything but a conjunction is one condition."""
     some = Exists(parameters("p:wp"), atom("at ?r ?p"))
     either = Or((atom("door"), atom("docked ?r")))
     act = action("r:robot", conditions=[(START, And((some, either)))])
@@ -80,7 +80,7 @@ def test_an_action_may_establish_its_own_invariant():
 
 
 def test_an_action_may_break_its_own_invariant():
-    """O1: an over-all condition that the at-start effects make false fails, though it holds before."""
+    """O1: an over-all condition that the at-start effects make false fails, although it held before."""
     low = Comparison(LESS, tokens("x"), (5.0,))
     act = action(durative=True, conditions=[(OVER_ALL, low)], effects=[(START, change(INCREASE, "x", 3.0))])
     assert failing(grounded(act), OVER_ALL, world(numbers={"x": 3})) == []
@@ -88,7 +88,7 @@ def test_an_action_may_break_its_own_invariant():
 
 
 def test_over_all_conditions_see_universal_and_conditional_effects():
-    """O1, O2: the state after is that of all the at-start effects."""
+    """O1, O2: they are evaluated after all of the at-start effects."""
     clean = Not(Exists(parameters("p:wp"), atom("seen ?p")))
     wipe = ForEach(parameters("p:wp"), (When(atom("seen ?p"), (Delete(atom("seen ?p")),)),))
     act = action(durative=True, conditions=[(OVER_ALL, clean)], effects=[(START, wipe)])
@@ -129,18 +129,18 @@ def test_the_duration_is_known_to_conditions():
     ],
 )
 def test_undefined_numbers_of_effects_are_named(effect: object, names: list[str]):
-    """O1, V5: an effect that takes place and needs an undefined function keeps the operator from being applied."""
+    """O1, V5: an operator is not applicable if one of its effects needs an undefined function."""
     act = action("r:robot", effects=[(START, effect)])  # type: ignore[list-item]
     assert unsatisfied(grounded(act, "kenny"), world()) == [Defined(atom(name)) for name in names]
 
 
 def test_an_undefined_number_does_not_hide_a_condition():
-    """O1: each condition that fails is named, beside what is undefined."""
+    """O1: each failing condition is named, beside undefined functions."""
     act = action("r:robot", conditions=[(START, atom("door"))], effects=[(START, change(INCREASE, "x", 1.0))])
     assert unsatisfied(grounded(act, "kenny"), world()) == [atom("door"), Defined(atom("x"))]
 
 
-def test_what_continuous_effects_need_is_named():
+def test_undefined_numbers_of_continuous_effects_are_named():
     """O3: a rate is evaluated after the at-start effects, and moves a function that is defined by then."""
     effects = [(START, change(ASSIGN, "x", 0.0)), (OVER_ALL, change(CONTINUOUS, "x", "speed ?r"))]
     act = action("r:robot", effects=effects, durative=True)
@@ -162,15 +162,15 @@ def test_what_continuous_effects_need_is_named():
         (change(ASSIGN, "x", Operator.DIV, 1.0, Operator.DIV, 1.0, "y"), tokens("y")),
     ],
 )
-def test_divisors_that_are_zero_are_named(effect: object, divisor: tuple[object, ...]):
-    """O1, V5: an effect that divides by zero keeps the operator from being applied; its divisor is named."""
+def test_zero_divisors_are_named(effect: object, divisor: tuple[object, ...]):
+    """O1, V5: an operator is not applicable if one of its effects divides by zero; the divisor is named."""
     act = action(effects=[(START, effect)])  # type: ignore[list-item]
     expected = Not(Comparison(EQUALS, divisor, (0.0,)))  # type: ignore[arg-type]
     assert unsatisfied(grounded(act), world(numbers={"x": 1, "y": 0})) == [expected]
 
 
-def test_what_the_duration_needs_is_named():
-    """O1, O3: a fixed duration that is undefined, divides by zero or is negative is among what fails."""
+def test_an_invalid_fixed_duration_is_named():
+    """O1, O3: a fixed duration that is undefined, divides by zero or is negative is among the failing conditions."""
     travel = tokens(Operator.DIV, "distance ?a ?b", "speed ?r")
     act = action("r:robot a:wp b:wp", duration=[(EQUALS, travel)])
     ground_action = grounded(act, "kenny", "wp0", "wp1")
@@ -186,21 +186,21 @@ def test_what_the_duration_needs_is_named():
 
 
 def test_a_duration_that_is_missing_does_not_hide_conditions():
-    """O1: where the duration is undefined, the conditions that fail are named all the same."""
+    """O1: where the duration is undefined, the failing conditions are named all the same."""
     long = Comparison(MORE, (DURATION,), (1.0,))
     act = action(duration=[(EQUALS, tokens("x"))], conditions=[(START, And((atom("door"), long)))])
     assert unsatisfied(grounded(act), world()) == [Defined(atom("x")), atom("door"), long]
 
 
-def test_effects_that_conflict_make_no_answer():
-    """O2: where nothing fails, but the effects conflict, the action is refused with both of them."""
+def test_conflicting_effects_are_refused():
+    """O2: where no condition fails, but the effects conflict, the action is refused, naming both effects."""
     act = action(effects=[(START, change(ASSIGN, "x", 1.0)), (START, change(ASSIGN, "x", 2.0))])
     with pytest.raises(InvalidKnowledge, match="conflict"):
         unsatisfied(grounded(act), world())
 
 
-def test_a_condition_may_forbid_what_would_conflict():
-    """O1: a condition that fails is the answer, also where the effects would conflict."""
+def test_a_failing_condition_comes_before_a_conflict():
+    """O1: a failing condition is the answer, also where the effects would conflict."""
     different = Not(Same("?a", "?b"))
     swap = [(START, change(ASSIGN, "battery ?a", 1.0)), (START, change(ASSIGN, "battery ?b", 2.0))]
     act = action("a:robot b:robot", conditions=[(START, different)], effects=swap)
@@ -209,7 +209,7 @@ def test_a_condition_may_forbid_what_would_conflict():
 
 
 def test_a_deep_division_is_searched_once():
-    """A divisor of zero is found in an expression of any depth, in time that grows with its length."""
+    """A zero divisor is found in an expression of any depth, in time linear in its length."""
     deep = tokens(*[part for _ in range(50_000) for part in (Operator.DIV, 1.0)], "x")
     act = action(effects=[(START, change(ASSIGN, "y", *deep))])
     assert unsatisfied(grounded(act), world(numbers={"x": 0})) == [Not(Comparison(EQUALS, tokens("x"), (0.0,)))]

@@ -1,4 +1,4 @@
-"""What an operator changes at one moment (rules O2 and O3)."""
+"""The changes that an operator makes at one time (rules O2 and O3)."""
 
 import pytest
 
@@ -57,7 +57,7 @@ def test_an_increase_does_not_see_an_assignment():
 
 
 def test_deletes_come_before_adds():
-    """O2: an atom that is both deleted and added is added, in whatever order the effects are written."""
+    """O2: an atom that is both deleted and added is added, in any order of the effects."""
     for effects in ([Add(atom("door")), Delete(atom("door"))], [Delete(atom("door")), Add(atom("DOOR"))]):
         assert after(world(), *effects).sign("door", ()) is True
         assert evaluate(grounded(action(effects=at_start(*effects))), START, world()) == Effects(adds=(atom("door"),))
@@ -74,7 +74,7 @@ def test_a_delete_removes_in_a_closed_world():
 
 
 def test_a_delete_makes_explicitly_false_with_use_unknowns():
-    """O2: with `use_unknowns` a deleted fact is explicitly false, whatever was said of it before."""
+    """O2: with `use_unknowns` a deleted fact is explicitly false, whether or not it was asserted before."""
     before = world(facts={"docked kenny": True}, use_unknowns=True)
     found = after(before, Delete(atom("docked kenny")), Delete(atom("docked rob")))
     assert found.sign("docked", ("kenny",)) is False
@@ -83,7 +83,7 @@ def test_a_delete_makes_explicitly_false_with_use_unknowns():
 
 
 def test_the_world_after_keeps_what_is_not_changed():
-    """O2: facts, numbers, objects and types that no effect speaks of are as before."""
+    """O2: facts, numbers, objects and types that no effect mentions are as before."""
     before = world(facts={"seen wp0": True, "seen wp1": True}, numbers={"battery kenny": 50, "x": 1})
     found = after(before, Delete(atom("seen wp0")), Add(atom("seen depot")), change(ASSIGN, "x", 3.0))
     assert dict(found.facts("seen")) == {("wp1",): True, ("depot",): True}
@@ -148,7 +148,7 @@ def test_a_condition_of_an_effect_may_quantify():
 
 
 def test_parameters_and_constants_take_their_places():
-    """O2, D3: parameters are replaced by objects, and constants stand for themselves, whatever the case."""
+    """O2, D3: parameters are replaced by objects, constants stay as they are, in any case."""
     act = action("r:robot p:wp", effects=at_start(Delete(atom("at ?R ?p")), Add(atom("AT ?r Depot"))))
     found = evaluate(grounded(act, "Kenny", "WP0"), START, world())
     assert found == Effects(deletes=(atom("at kenny wp0"),), adds=(atom("at kenny depot"),))
@@ -189,8 +189,8 @@ def test_changes_of_one_function_combine(effects: list[Effect], expected: float)
         [change(SCALE_DOWN, "x", 3.0), change(ASSIGN, "x", 3.0)],
     ],
 )
-def test_changes_whose_order_would_matter_conflict(effects: list[Effect]):
-    """O2: simultaneous effects have no order, so that those are refused; the message names both."""
+def test_changes_whose_order_matters_conflict(effects: list[Effect]):
+    """O2: simultaneous effects have no order, so they are refused; the error names both."""
     act = action(effects=at_start(*effects))
     with pytest.raises(InvalidKnowledge, match="conflict") as caught:
         evaluate(grounded(act), START, world(numbers={"x": 1}))
@@ -210,7 +210,7 @@ def test_conflicts_are_found_between_objects_not_parameters():
 
 
 def test_undefined_functions_are_errors():
-    """V5, C7: an undefined right-hand side, and a relative change of an undefined function, are errors, never 0."""
+    """V5, C7: an undefined right-hand side, and a relative change of an undefined function, are errors."""
     for effect in (change(ASSIGN, "x", "y"), change(INCREASE, "y", 1.0), change(SCALE_UP, "y", 2.0)):
         with pytest.raises(UndefinedFunction, match=r"\(y\)"):
             after(world(numbers={"x": 1}), effect)
@@ -262,8 +262,8 @@ def test_only_continuous_effects_last(timing: object, effect: Effect):
         evaluate(grounded(act), timing, world(numbers={"x": 1}))  # type: ignore[arg-type]
 
 
-def test_values_that_move_are_read_at_the_moment():
-    """C7: a function with a rate has, at t, the value that it has moved to by then."""
+def test_moving_values_are_read_at_their_value_at_t():
+    """C7: a function with a rate is read at its value at t."""
     domain = robots()
     before = World(
         domain, time=12_000_000_000, objects=OBJECTS, numbers={"x": Number(10.0, 0.5, 2_000_000_000), "y": 0}
@@ -272,21 +272,21 @@ def test_values_that_move_are_read_at_the_moment():
     assert (value(found, "y"), value(found, "x")) == (15, 16)
 
 
-def test_a_variable_that_nothing_binds_is_refused():
-    """D1: an effect speaks of objects only."""
+def test_an_unbound_variable_is_refused():
+    """D1: the arguments of an effect must be objects."""
     with pytest.raises(InvalidKnowledge, match=r"\?lost"):
         after(world(), Add(atom("docked ?lost")))
 
 
 def test_resulting_values_do_not_depend_on_each_other():
-    """O2: the values after are reckoned from the values before."""
+    """O2: the values after are computed from the values before."""
     before = {atom("x"): 1.0, atom("y"): 10.0}
     changes = [NumericChange(atom("x"), ASSIGN, 5.0), NumericChange(atom("y"), SCALE_DOWN, 4.0)]
     assert resulting(changes, before.get) == {atom("x"): 5.0, atom("y"): 2.5}
 
 
 def test_effects_of_any_depth_are_evaluated():
-    """Effects nested 100,000 deep do not reach the recursion limit."""
+    """Effects nested 100,000 deep stay below the recursion limit."""
     deep: Effect = Add(atom("door"))
     for _ in range(100_000):
         deep = When(atom("seen wp0"), (deep,))

@@ -24,7 +24,7 @@ from tests.planning.robots import OVER_ALL, START, action, atom, grounded, param
 
 
 def test_bindings_map_parameters_to_objects_as_keys():
-    """D3: names are compared without case, and the arguments keep the spelling that they were given in."""
+    """D3: names are compared without case, and the arguments keep their spelling."""
     act = action("R:robot To:wp")
     found = ground(robots(act), "ACT", ("Kenny", "WP0"), world(act))
     assert found.bindings == {"r": "kenny", "to": "wp0"}
@@ -33,7 +33,7 @@ def test_bindings_map_parameters_to_objects_as_keys():
 
 
 def test_an_unknown_operator_is_an_unknown_symbol():
-    """V7's neighbour for operators: the domain has to know the operator; the error lists those that it has."""
+    """V8: the domain has to know the operator; the error lists its operators."""
     with pytest.raises(UnknownSymbol, match="no operator fly; it has act"):
         ground(robots(action()), "fly", (), world())
 
@@ -54,7 +54,7 @@ def test_any_type_of_an_either_fits():
 
 
 def test_all_violations_are_reported_together():
-    """D1: each argument that does not exist or does not fit is named, with what was expected."""
+    """D1: each argument that does not exist or fit is named, with the expected type."""
     act = action("r:Robot a:wp b:wp")
     with pytest.raises(InvalidKnowledge) as caught:
         ground(robots(act), "act", ("T1", "nowhere", "?x"), world(act))
@@ -68,7 +68,7 @@ def test_all_violations_are_reported_together():
 
 @pytest.mark.parametrize("arguments", [(), ("kenny",), ("kenny", "wp0", "wp1")])
 def test_the_number_of_arguments_has_to_fit(arguments: tuple[str, ...]):
-    """D1: too few and too many arguments are refused, with the parameters that the operator takes."""
+    """D1: too few and too many arguments are refused, with the operator's parameters."""
     act = action("r:robot p:wp")
     with pytest.raises(InvalidKnowledge, match=r"but \(act \?r - robot \?p - wp\) takes 2"):
         ground(robots(act), "act", arguments, world(act))
@@ -92,7 +92,7 @@ def test_conditions_show_objects_and_are_split():
 
 
 def test_every_form_of_condition_is_instantiated():
-    """O1: objects take the places of parameters in conditions of every form."""
+    """O1: parameters are replaced by objects in conditions of every form."""
     more = ComparisonType.GREATER
     pairs: list[tuple[Formula, Formula]] = [
         (Or((atom("at ?r ?p"), atom("door"))), Or((atom("at kenny wp0"), atom("door")))),
@@ -107,7 +107,7 @@ def test_every_form_of_condition_is_instantiated():
     assert grounded(act, "kenny", "wp0").conditions(START) == [expected for _, expected in pairs]
 
 
-def test_what_a_quantifier_binds_is_left_alone():
+def test_variables_of_a_quantifier_are_not_replaced():
     """O1: a variable of a quantifier hides a parameter of the same name, and no others."""
     inner = Exists(parameters("P:wp"), And((atom("at ?r ?p"), atom("near ?p ?q"))))
     act = action("r:robot p:wp q:wp", conditions=[(START, Forall(parameters("q:wp"), inner))])
@@ -117,8 +117,8 @@ def test_what_a_quantifier_binds_is_left_alone():
     )
 
 
-def test_a_preference_is_no_condition():
-    """PDDL 3.0: a preference in a precondition never keeps the action from being applied."""
+def test_a_preference_is_not_a_condition():
+    """PDDL 3.0: a preference in a precondition never makes the action inapplicable."""
     soft = Preference("soft", atom("door"))
     act = action(
         "r:robot",

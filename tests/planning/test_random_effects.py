@@ -1,4 +1,4 @@
-"""Effects of random shape, compared with an evaluation that is written apart, as plainly as possible (rules O2, O3)."""
+"""Effects of random shape, compared with a plain and independent evaluator (rules O2, O3)."""
 
 from fractions import Fraction
 from itertools import product
@@ -82,7 +82,7 @@ changes = st.one_of(
 
 
 def nested(*conditional: type[When | WhenAtStart]) -> st.SearchStrategy[Effect]:
-    """Effects below ``forall`` and conditions of the moments that are given."""
+    """Effects below ``forall``, and conditions at the given times."""
     return st.recursive(
         st.one_of(st.builds(Add, atoms), st.builds(Delete, atoms), changes),
         lambda inner: st.one_of(
@@ -105,19 +105,19 @@ class Refused(Exception):
     """The effects cannot take place."""
 
 
-def said(term: object, objects: dict[str, str]) -> str:
+def ground(term: object, objects: dict[str, str]) -> str:
     words = [term.name, *(objects[a[1:]] if a[0] == "?" else a for a in term.arguments)]  # type: ignore[attr-defined]
     return " ".join(words)
 
 
-def reckon(expression: NumericExpression, objects: dict[str, str], state: State) -> Fraction | None:
+def compute(expression: NumericExpression, objects: dict[str, str], state: State) -> Fraction | None:
     """The value of an expression, None if it has none; by recursion from the left."""
     rest = list(expression)
 
     def take() -> Fraction | None:
         token = rest.pop(0)
         if not isinstance(token, Operator):
-            return Fraction(token) if isinstance(token, float) else state[1].get(said(token, objects))
+            return Fraction(token) if isinstance(token, float) else state[1].get(ground(token, objects))
         operands = [take() for _ in range(1 if token is Operator.UMINUS else 2)]
         if None in operands or (token is Operator.DIV and operands[1] == 0):
             return None
@@ -150,17 +150,17 @@ def judge(condition: Formula, objects: dict[str, str], state: State) -> float:
         case Forall((parameter,), part):
             return min(judge(part, {**objects, parameter.name: place}, state) for place in PLACES)
         case Comparison(comparison, left, right):
-            a, b = reckon(left, objects, state), reckon(right, objects, state)
+            a, b = compute(left, objects, state), compute(right, objects, state)
             if a is None or b is None:
                 return 0.5
             return float({">": a > b, ">=": a >= b, "<": a < b, "<=": a <= b, "=": a == b}[comparison.pddl])
         case fact:
             absent = 0.5 if state[2] else 0
-            return {True: 1, False: 0, None: absent}[state[0].get(said(fact, objects))]
+            return {True: 1, False: 0, None: absent}[state[0].get(ground(fact, objects))]
 
 
 def expected(effects: list[Effect], state: State, start: State) -> tuple[dict[str, bool], dict[str, Fraction]]:
-    """Facts and numbers after the effects, from lists of what each one does to the state before.
+    """Facts and numbers after the effects, from lists of the changes that each makes to the state before.
 
     `start` is the state before the start.
     """
@@ -171,9 +171,9 @@ def expected(effects: list[Effect], state: State, start: State) -> tuple[dict[st
     def visit(effect: Effect, objects: dict[str, str]) -> None:
         match effect:
             case Add(term):
-                added.add(said(term, objects))
+                added.add(ground(term, objects))
             case Delete(term):
-                deleted.add(said(term, objects))
+                deleted.add(ground(term, objects))
             case When(condition, parts):
                 if judge(condition, objects, state) == 1:
                     for part in parts:
@@ -187,10 +187,10 @@ def expected(effects: list[Effect], state: State, start: State) -> tuple[dict[st
                     for part in parts:
                         visit(part, {**objects, parameter.name: place})
             case NumericEffect(operation, function, value):
-                operand = reckon(value, objects, state)
+                operand = compute(value, objects, state)
                 if operand is None:
                     raise Refused
-                done.setdefault(said(function, objects), []).append((operation.pddl, operand))
+                done.setdefault(ground(function, objects), []).append((operation.pddl, operand))
 
     for effect in effects:
         visit(effect, {"p": "wp0", "q": "wp1"})
@@ -231,7 +231,7 @@ def expected(effects: list[Effect], state: State, start: State) -> tuple[dict[st
 def test_random_effects_agree_with_a_plain_evaluation(
     effects: list[Effect], facts: dict[str, bool], numbers: dict[str, int], use_unknowns: bool
 ):
-    """O2: whatever the effects, the world after is the same in both; or both refuse."""
+    """O2: the world after any effects is the same in both; or both refuse."""
     state = plain(facts, numbers, use_unknowns)
     compare(effects, START, state, state)
 
@@ -240,7 +240,7 @@ def test_random_effects_agree_with_a_plain_evaluation(
     st.lists(nested(WhenAtStart, When), max_size=4), some_facts, some_numbers, some_facts, some_numbers, st.booleans()
 )
 @settings(max_examples=300, deadline=None)
-def test_random_effects_of_two_moments_agree_with_a_plain_evaluation(
+def test_random_effects_at_start_and_end_agree_with_a_plain_evaluation(
     effects: list[Effect],
     facts_at_start: dict[str, bool],
     numbers_at_start: dict[str, int],
@@ -248,7 +248,7 @@ def test_random_effects_of_two_moments_agree_with_a_plain_evaluation(
     numbers: dict[str, int],
     use_unknowns: bool,
 ):
-    """O2, O3: also where conditions are of the start, whatever has changed since then."""
+    """O2, O3: also where conditions are of the start, and the state has changed since."""
     start = plain(facts_at_start, numbers_at_start, use_unknowns)
     compare(effects, END, plain(facts, numbers, use_unknowns), start)
 
@@ -269,7 +269,7 @@ def world_of(state: State) -> World:
 
 
 def compare(effects: list[Effect], timing: Timing, state: State, start: State) -> None:
-    """Compare the effects of a moment on a state, after a start in another one."""
+    """Compare the effects at one time on a state, after a start in another one."""
     act = grounded(action("p:wp q:wp", effects=[(timing, effect) for effect in effects]), "wp0", "wp1")
     before = world_of(state)
     try:

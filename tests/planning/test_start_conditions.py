@@ -1,4 +1,4 @@
-"""What an action remembers of its start (rules O2 and O3)."""
+"""The latched start conditions of an action (rules O2 and O3)."""
 
 from kbstore.messages import AssignOp, ComparisonType
 from kbstore.model.formulas import (
@@ -23,13 +23,13 @@ DOOR = Add(atom("door"))
 
 
 def known(*effects: Effect, facts: tuple[str, ...] = (), duration: float | None = None) -> set[str]:
-    """What (act kenny) remembers of a world for effects at its end."""
+    """The start conditions of (act kenny) that are true in a world."""
     act = grounded(action("r:robot", effects=[(END, effect) for effect in effects], durative=True), "Kenny")
     return set(remembered(act, END, world(facts=dict.fromkeys(facts, True)), duration=duration))
 
 
 def test_conditions_that_are_true_are_remembered_as_text():
-    """O3: PDDL with objects for the action's parameters and names in lower case, as others may read it."""
+    """O3: as PDDL with objects for the action's parameters and names in lower case, which others may read."""
     effects = (
         WhenAtStart(Atom("Docked", ("?R",)), (DOOR,)),
         WhenAtStart(And((atom("docked ?r"), Not(atom("seen Depot")))), (DOOR,)),
@@ -38,8 +38,8 @@ def test_conditions_that_are_true_are_remembered_as_text():
     assert known(*effects, facts=("docked kenny",)) == {"(docked kenny)", "(and (docked kenny) (not (seen depot)))"}
 
 
-def test_conditions_of_other_moments_are_not():
-    """O3: nothing is kept of an action without such effects, nor for effects of another moment."""
+def test_conditions_at_other_times_are_not_remembered():
+    """O3: nothing is latched for an action without such effects, nor for effects at another time."""
     assert known(When(atom("door"), (Delete(atom("door")),)), DOOR, facts=("door",)) == set()
     effects = [
         (START, When(atom("door"), (DOOR,))),
@@ -58,7 +58,7 @@ def test_conditions_of_other_moments_are_not():
 
 
 def test_only_variables_that_a_condition_mentions_are_replaced():
-    """O3: of the ``forall`` around it, and not those that a quantifier of its own or an inner ``forall`` binds."""
+    """O3: those of the ``forall`` around it, not those of its own quantifiers or of an inner ``forall``."""
     near, somewhere = atom("near ?p ?q"), Exists(parameters("p:wp"), atom("near ?p ?q"))
     inner = ForEach(parameters("q:wp"), (WhenAtStart(near, (DOOR,)), WhenAtStart(somewhere, (DOOR,))))
     outer = ForEach(parameters("p:wp q:mover"), (When(atom("door"), (inner,)), WhenAtStart(atom("door"), (inner,))))
@@ -70,8 +70,8 @@ def test_only_variables_that_a_condition_mentions_are_replaced():
     assert known(outer, facts=("door",)) == {"(door)"}
 
 
-def test_every_form_of_condition_mentions_its_variables():
-    """O3: in comparisons, in preferences, and below one another."""
+def test_variables_are_found_in_every_form_of_condition():
+    """O3: in comparisons, in preferences, and nested."""
     far = Comparison(ComparisonType.GREATER, (atom("distance depot ?p"),), (DURATION,))
     effect = ForEach(parameters("p:wp"), (WhenAtStart(And((Preference("far", far), atom("seen ?p"))), (DOOR,)),))
     act = grounded(action("r:robot", effects=[(END, effect)], durative=True), "kenny")
