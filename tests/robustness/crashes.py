@@ -1,4 +1,4 @@
-"""A run of transactions of which it is known what each leaves behind, for processes that die in the middle of it."""
+"""A sequence of transactions with the known state after each, for processes that are killed in the middle."""
 
 import os
 import signal
@@ -23,7 +23,7 @@ DOMAIN = """
 
 
 def take_step(kb, clock, number):
-    """The transaction of a number, from 2 on: it adds, replaces, schedules, cancels, and removes an object."""
+    """Make the transaction of a number, from 2 on: it adds, replaces, schedules, cancels, and removes an object."""
     now = START + seconds(number)
     clock.set(now)
     with kb.transaction(client="runner", note=f"step {number}") as transaction:
@@ -41,9 +41,10 @@ def take_step(kb, clock, number):
 
 
 def expected(number):
-    """What is so right after the transaction of a number, worked out by hand: objects, facts, what is scheduled.
+    """The state right after the transaction of a number, worked out by hand: objects, facts, timed knowledge.
 
-    The last three steps are there. What each has scheduled for 2.5 s after it, it takes away with its object after 3.
+    The objects of the last three steps exist. Each step schedules a fact for 2.5 s later, and removes it with its
+    object after 3.
     """
     steps = range(max(2, number - 2), number + 1)
     facts = {f"(done s{step})" for step in steps}
@@ -54,14 +55,14 @@ def expected(number):
 
 
 def run(url, diary, durability, until):
-    """Take one step after another, noting each that was acknowledged."""
+    """Take one step after another, recording each acknowledged number."""
     clock = kbstore.ManualClock(START)
     with kbstore.open(url, NAME, clock=clock, durability=durability) as kb, open(diary, "ab", buffering=0) as file:
         number = latest(kb)
         while number < until:
             number = (take_step(kb, clock, number + 1) if number else kb.load(DOMAIN)).number
             file.write(b"%d\n" % number)
-        # nothing is closed in good order
+        # nothing is closed properly
         os.kill(os.getpid(), signal.SIGKILL)
 
 
@@ -71,15 +72,15 @@ def latest(kb):
 
 
 def noted(diary):
-    """The number that was acknowledged last."""
+    """The last acknowledged number."""
     lines = diary.read_bytes().split(b"\n")[:-1]
     return int(lines[-1]) if lines else 0
 
 
 def check(url, acknowledged, *, in_flight=1):
-    """The store has what was acknowledged, and of the transaction in flight all or nothing; it is sound, and works.
+    """Check that the store has all acknowledged transactions, and the one in flight wholly or not at all.
 
-    Returns the number of its latest transaction, which is one that is made here.
+    The store is sound, and works. Returns the number of its latest transaction, which is one made here.
     """
     if not url.startswith("postgresql"):
         with closing(sqlite3.connect(url.removeprefix("sqlite:///"))) as connection:
@@ -106,7 +107,7 @@ def check(url, acknowledged, *, in_flight=1):
 
 
 def _compare(kb, number):
-    """The state after a transaction is the expected one, and so are those after earlier ones."""
+    """Compare the state after a transaction, and after earlier ones, with the expected one."""
     for step in {number, max(1, number - 1), number // 2 or 1}:
         state = kb.state(at=START + seconds(step))
         found = (state.instances, state.facts, state.timed_knowledge)

@@ -1,4 +1,4 @@
-"""A pooler in transaction mode, as PgBouncer is: each transaction of a client runs on another server connection."""
+"""A pooler in transaction mode, like PgBouncer: each transaction of a client runs on another server connection."""
 
 import select
 import socket
@@ -15,7 +15,7 @@ _PID = 1 << 30
 
 
 class Server:
-    """A connection to the server, which clients use in turn; where the startup answered is kept for them."""
+    """A connection to the server, which clients use in turn; the answers to its startup are kept for them."""
 
     def __init__(self, address, startup):
         self.startup = startup
@@ -27,7 +27,7 @@ class Server:
             kind, message = read(self.socket)
             assert kind != b"E", message
             if kind == b"K":
-                # of the session that clients believe to have; as PgBouncer does, no number of the server's is told
+                # the session that clients believe to have; like PgBouncer, no number of the server's is passed on
                 message = message[:5] + struct.pack("!I", _PID) + message[9:]
             self.greeting += message
             if kind == b"Z":
@@ -35,10 +35,10 @@ class Server:
         self._begun = b""
 
     def arrived(self):
-        """The messages of which the rest has arrived, when something has.
+        """The messages that have arrived completely, once there is one.
 
-        Never waits for the rest of one: the server sends whatever fills its buffer, and keeps what is left until it is
-        asked to be ready, which the client may not have said yet.
+        Never waits for the rest of a message: the server sends a full buffer, and keeps the rest until the sync, which
+        the client may not have sent yet.
         """
         more = self.socket.recv(1 << 16)
         if not more:
@@ -52,7 +52,7 @@ class Server:
 
 
 def exactly(source, count):
-    """So many bytes; an `EOFError` where there are no more."""
+    """Exactly so many bytes; an `EOFError` where the stream ends before."""
     data = b""
     while len(data) < count:
         more = source.recv(count - len(data))
@@ -92,7 +92,7 @@ class Pooler:
         with suppress(OSError):
             while True:
                 client, _ = self._listener.accept()
-                # what is passed on would wait for what came before it to be acknowledged
+                # forwarded data would wait for the acknowledgement of what was sent before
                 client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
                 threading.Thread(target=self._serve, args=(client,), daemon=True).start()
 
@@ -112,14 +112,17 @@ class Pooler:
                 first = read(client)
                 if first[0] == b"X":
                     return
-                # one client at a time: what matters is on which connection its transactions are
+                # one client at a time: the tests are about which connection runs its transactions
                 with self._lock:
                     self._turn += 1
                     self.transactions += 1
                     self._transaction(client, self._turn % self._count, first)
 
     def _transaction(self, client, place, message):
-        """All that is said until the server is idle again; the server of who leaves in the middle is not used again."""
+        """Forward all messages until the server is idle again.
+
+        The server connection of a client that leaves in the middle is not used again.
+        """
         server = self._servers[place]
         # the server answers each query and each sync by being ready
         waiting = 0
@@ -134,7 +137,7 @@ class Pooler:
                     messages = server.arrived()
                     ends = [message for message in messages if message[:1] == b"Z"]
                     waiting -= len(ends)
-                    # before the client knows, which may look at it
+                    # before the client can look at it
                     self.trips += len(ends)
                     client.sendall(b"".join(messages))
                     if ends and not waiting and ends[-1][5:6] == _IDLE:
@@ -147,7 +150,7 @@ class Pooler:
 
     @contextmanager
     def frozen(self):
-        """Meanwhile nobody is answered."""
+        """Stop answering inside the block."""
         with self._lock:
             yield
 

@@ -1,4 +1,4 @@
-"""What processes that share a store do."""
+"""The functions that processes sharing a store run."""
 
 import os
 
@@ -18,14 +18,14 @@ def increment(url, name, times, together):
 
 
 def open_and_add(url, name, number, together):
-    """Open a knowledge base that nobody has opened before, all at once, and add something."""
+    """Open a new knowledge base, all processes at once, and add something."""
     together.wait()
     with kbstore.open(url, name) as kb:
         kb.add(f"(here p{number})")
 
 
 def race(url, name, me, rounds, together, won):
-    """In each round all expect the same transaction to be the latest, and try to follow it."""
+    """In each round all processes expect the same transaction to be the latest, and try to write the next."""
     with kbstore.open(url, name) as kb:
         latest = 1
         for _ in range(rounds):
@@ -48,7 +48,7 @@ def write(url, name, me, times):
 
 
 def follow(url, name, after, upto, seen):
-    """Ask for changes again and again, each time from the last number on."""
+    """Ask for changes again and again, each time after the last number."""
     with kbstore.open(url, name) as kb:
         while after < upto:
             for change in kb.changes(after=after):
@@ -66,11 +66,11 @@ def watch(url, name, after, upto, seen):
 
 
 def keep_watching(url, name, diary, upto):
-    """Watch until a transaction comes, noting each change in a file; go on from the last that is noted there."""
+    """Watch until a transaction comes, recording each change in a file; continue after the last one recorded there."""
     with kbstore.open(url, name) as kb, open(diary, "a+b", buffering=0) as file:
         file.seek(0)
         noted = file.read()
-        # a line that the kill has cut off was not noted
+        # a line cut off by the kill was not recorded
         file.truncate(noted.rfind(b"\n") + 1)
         after = max((int(line) for line in noted.split(b"\n")[:-1]), default=0)
         while after < upto:

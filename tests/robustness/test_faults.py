@@ -1,4 +1,4 @@
-"""Disks that are full, files that cannot be written or are not what they were: a typed error, and the old state."""
+"""Full disks, unwritable and damaged files: a typed error, and the old state."""
 
 import os
 import re
@@ -24,12 +24,12 @@ NOBODY = 65534
 
 
 def many(start, count=700):
-    """More items than a page or two can take."""
+    """More items than fit on a page or two."""
     return [f"(seen thing{number} in room{number % 7})" for number in range(start, start + count)]
 
 
 def sound(kb):
-    """Whether the tables of a knowledge base are what they have to be."""
+    """Whether the tables of a knowledge base satisfy the invariants."""
     with kb._database.connect() as session:
 
         def execute(sql):
@@ -43,7 +43,7 @@ def sound(kb):
 
 
 def limit_pages(kb, more):
-    """Let the file grow by so many pages, and not more."""
+    """Let the file grow by at most so many pages."""
     with kb._database.connect() as session:
         pages = session.driver.execute("PRAGMA page_count").fetchone()[0]
         session.driver.execute(f"PRAGMA max_page_count = {pages + more}")
@@ -52,7 +52,7 @@ def limit_pages(kb, more):
 @pytest.mark.parametrize("url", ["memory", "file"])
 @pytest.mark.parametrize("more", [0, 1, 5, 40])
 def test_a_full_database(url, more, path):
-    """Where the database may not grow any more, a transaction is `StoreUnavailable` as a whole, and later it works."""
+    """Where the database may not grow, a transaction is `StoreUnavailable` as a whole, and later it works."""
     with kbstore.open("sqlite://" if url == "memory" else path) as kb:
         kb.add("(raining)", "(= (battery kenny) 80)")
         before = kb.to_pddl()
@@ -69,7 +69,7 @@ def test_a_full_database(url, more, path):
 
 
 def fill_up(path, room):
-    """Write until the system refuses to let a file grow, then go on with a higher limit."""
+    """Write until the system refuses to let a file grow, then continue with a higher limit."""
     with kbstore.open(path) as kb:
         kb.add("(= (counter) 0)")
         log = Path(f"{path}-wal").stat().st_size
@@ -94,7 +94,7 @@ def fill_up(path, room):
 
 @pytest.mark.parametrize("room", [0, 1, 5000, 100_000])
 def test_writes_that_the_system_refuses(path, room):
-    """Where writing fails in the middle of the log, what was acknowledged is there, and the process works on."""
+    """Where writing fails in the middle of the log, acknowledged transactions are there, and the process works on."""
     finish(start(fill_up, path, room))
     with kbstore.open(path) as kb:
         assert sound(kb)
@@ -105,7 +105,7 @@ def test_writes_that_the_system_refuses(path, room):
 
 @pytest.fixture
 def open_directory():
-    """A directory that everybody may enter."""
+    """A directory that every user may enter."""
     directory = Path(tempfile.mkdtemp())
     directory.chmod(0o755)
     yield directory
@@ -113,7 +113,7 @@ def open_directory():
 
 
 def ask_as_nobody(path, read_only, works):
-    """Open and ask, without the right to write; adding is refused in every case."""
+    """Open and ask as a user who may not write; adding is refused in every case."""
     if os.geteuid() == 0:
         os.setuid(NOBODY)
     try:
@@ -128,7 +128,7 @@ def ask_as_nobody(path, read_only, works):
 
 @pytest.mark.parametrize("read_only", [True, False])
 def test_a_file_without_the_right_to_write(open_directory, read_only):
-    """A file and directory that may only be read are refused with a typed error, and left as they are.
+    """A read-only file in a read-only directory is refused with a typed error, and left as it is.
 
     SQLite needs to write beside a file in WAL mode even to read it; a backup is a single file, and can be read.
     """
@@ -149,7 +149,7 @@ def test_a_file_without_the_right_to_write(open_directory, read_only):
 
 
 def ask_a_medium(path):
-    """Open a file of a read-only medium: the error says how, and what it says works."""
+    """Open a file of a read-only medium: the error says how, and its advice works."""
     if os.geteuid() == 0:
         os.setuid(NOBODY)
     with pytest.raises(StoreUnavailable, match=r"read-only medium|immutable=1") as refusal:
@@ -163,7 +163,7 @@ def ask_a_medium(path):
 
 
 def test_a_medium_that_is_read_only(open_directory):
-    """A file in WAL mode where nothing can be written beside it opens as immutable, and the error says how."""
+    """A file in WAL mode on a read-only medium can be opened as immutable, and the error says so."""
     path = open_directory / "the store #1.db"
     with kbstore.open(path) as kb:
         kb.add("(raining)")
@@ -174,8 +174,8 @@ def test_a_medium_that_is_read_only(open_directory):
     assert path.read_bytes() == before
 
 
-def test_a_server_that_may_only_be_read(postgresql_url, name):
-    """On a PostgreSQL server that is read-only, as a standby is, questions are answered and changes refused."""
+def test_a_read_only_server(postgresql_url, name):
+    """A read-only PostgreSQL server, such as a standby, answers questions and refuses changes."""
     with kbstore.open(postgresql_url, name) as kb:
         kb.add("(raining)")
     engine = sa.create_engine(postgresql_url, connect_args={"options": "-c default_transaction_read_only=on"})
@@ -193,7 +193,7 @@ def test_a_server_that_may_only_be_read(postgresql_url, name):
 
 
 def test_a_damaged_file(path):
-    """Damage is told as such; with the file from a backup in its place the store works again."""
+    """The error reports the damage; with the file from a backup in its place the store works again."""
     with kbstore.open(path) as kb:
         kb.add(*many(0))
     good = path.read_bytes()
@@ -208,8 +208,8 @@ def test_a_damaged_file(path):
         assert len(kb.state().facts) == 700
 
 
-def test_damage_that_comes_while_the_store_is_open(path):
-    """A file that is damaged under an open knowledge base gives typed errors, and works once it is whole again."""
+def test_damage_while_the_store_is_open(path):
+    """A file that is damaged under an open knowledge base gives typed errors, and works once it is restored."""
     with kbstore.open(path) as kb:
         kb.add(*many(0))
     good = path.read_bytes()
@@ -232,8 +232,8 @@ def test_damage_that_comes_while_the_store_is_open(path):
     kb.close()
 
 
-def test_a_file_in_the_place_of_another_is_not_taken_for_it(path):
-    """Where another store has taken the file's place, no thread asks or changes that one by what it knew of the first.
+def test_a_file_in_the_place_of_another_is_noticed(path):
+    """Where another store's file has replaced the first, no thread reads or writes it with cached numbers.
 
     A number means another timeline there.
     """
@@ -257,10 +257,10 @@ def test_a_file_in_the_place_of_another_is_not_taken_for_it(path):
         assert [str(fact) for fact in again.state().facts] == ["(p y)"]
 
 
-def test_a_file_that_is_taken_away(path):
-    """Where the file is moved or deleted while it is open, a change is refused, as nobody would find it again.
+def test_a_moved_or_deleted_file_is_noticed(path):
+    """Where the file is moved or deleted while it is open, a change is refused, as it would be lost.
 
-    So is a question, at the latest after the 20 milliseconds for which the file is not looked for again.
+    So is a question, at the latest after the 20 milliseconds for which the file is not checked again.
     """
     kb = kbstore.open(path)
     kb.add("(raining)")
@@ -281,8 +281,8 @@ def test_a_file_that_is_taken_away(path):
 
 
 @pytest.mark.parametrize("threads", [1, 2])
-def test_a_file_that_is_made_anew(path, threads):
-    """Where a file was deleted and made anew, reading says so within a moment, in every thread; also as of long ago."""
+def test_a_recreated_file_is_noticed(path, threads):
+    """Where a file was deleted and created again, reading fails within a moment, in every thread; also with `as_of`."""
     kb = kbstore.open(path)
     kb.add("a - thing", "(p a)")
     with ThreadPoolExecutor(1) as other:
@@ -300,7 +300,7 @@ def test_a_file_that_is_made_anew(path, threads):
 
 
 def test_every_error_is_of_kbstore(path, monkeypatch):
-    """Whatever statement of a transaction fails, the caller gets an error of kbstore's, and the old state."""
+    """If any statement of a transaction fails, the caller gets an error of kbstore's, and the old state."""
     with kbstore.open(path) as kb:
         kb.add("wp0 - place", "(= (n wp0) 1)")
         before, step = kb.to_pddl(), 0

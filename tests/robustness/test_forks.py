@@ -1,4 +1,4 @@
-"""Forks: a child opens its own connections, the parent goes on with its own, and nothing that either stored is lost."""
+"""Forks: a child opens its own connections, the parent keeps its own, and neither loses stored data."""
 
 import multiprocessing
 import os
@@ -18,13 +18,13 @@ from kbstore.storage import forks
 
 pytestmark = [
     pytest.mark.skipif(not hasattr(os, "fork"), reason="this system has no fork"),
-    # what newer versions of Python warn of is what is tested here
+    # the warning of newer versions of Python is about what is tested here
     pytest.mark.filterwarnings("ignore:This process .* is multi-threaded:DeprecationWarning"),
 ]
 
 
 class Child:
-    """A forked process that does something; `done` says that it succeeded."""
+    """A forked process that runs a function; `done` tells whether it succeeded."""
 
     def __init__(self, act, *arguments):
         self.pid = os.fork()
@@ -43,7 +43,7 @@ class Child:
 
 
 class Signal:
-    """What one process waits for until another sends it."""
+    """A signal that one process waits for and another sends."""
 
     def __init__(self):
         self._reading, self._writing = os.pipe()
@@ -68,8 +68,8 @@ def kb(shared_url, name):
     kb.close()
 
 
-def test_parent_and_child_go_on(kb):
-    """Both ask and write through the same object after the fork, and see what the other has stored."""
+def test_parent_and_child_work_on(kb):
+    """Both ask and write through the same object after the fork, and see each other's writes."""
     written, seen = Signal(), Signal()
 
     def act():
@@ -89,7 +89,7 @@ def test_parent_and_child_go_on(kb):
 
 
 def test_children_of_children(kb):
-    """A child may fork in its turn; each process in the line stores what it stores."""
+    """A child may fork in its turn; each process of the line can write."""
 
     def descend(depth):
         kb.add(f"(by child{depth})")
@@ -103,7 +103,7 @@ def test_children_of_children(kb):
 
 @contextmanager
 def outlived(kb):
-    """A child that adds a fact before what the block does in the parent, and another one after it."""
+    """A child that adds a fact before the block runs in the parent, and another one after it."""
     ready, closed = Signal(), Signal()
 
     def act():
@@ -120,10 +120,10 @@ def outlived(kb):
 
 
 def test_a_child_that_outlives_the_parents_connection_loses_nothing(shared_url, name):
-    """What a child stores stays, also after the parent has closed what it had opened before the fork.
+    """The writes of a child stay, also after the parent has closed the connection opened before the fork.
 
-    SQLite would take the parent's connection for the file's last, and delete the log that the child writes to, if
-    the child had left the inherited connection open beside its own.
+    SQLite would take the parent's connection for the file's last, and delete the log that the child writes to, if the
+    child had left the inherited connection open beside its own.
     """
     kb = kbstore.open(shared_url, name)
     kb.add("(by parent)")
@@ -136,7 +136,7 @@ def test_a_child_that_outlives_the_parents_connection_loses_nothing(shared_url, 
 
 
 def test_connections_idle_in_a_pool_of_the_callers(path):
-    """The same where the parent's connection lay idle in the pool of an engine of the caller's."""
+    """The same where the parent's connection was idle in the pool of a caller's engine."""
     engine = sa.create_engine(f"sqlite:///{path}")
     first = kbstore.open(engine)
     first.add("(by parent)")
@@ -176,7 +176,7 @@ def test_multiprocessing_with_fork(kb):
 
 
 def test_a_store_in_memory_is_copied():
-    """In memory the child has a copy of its own, as of all that the process has in memory."""
+    """The child has its own copy, with the state at the fork."""
     kb = kbstore.open("sqlite://")
     kb.add("(by parent)")
 
@@ -191,7 +191,7 @@ def test_a_store_in_memory_is_copied():
 
 
 def test_a_transaction_stays_with_the_parent(kb):
-    """A child that was forked within a transaction cannot use it, however it leaves the block; the parent can."""
+    """A child forked within a transaction cannot use it, however it leaves the block; the parent can."""
 
     def act(transaction):
         with pytest.raises(StoreUnavailable, match="stays with the parent"):
@@ -217,7 +217,7 @@ def test_a_transaction_stays_with_the_parent(kb):
 
 
 def test_a_child_forked_within_a_transaction_opens_the_store_anew(kb, shared_url):
-    """It sees what is committed, waits for the parent's lock like any other process, and then writes."""
+    """It sees the committed state, waits for the parent's lock like any other process, and then writes."""
     ready = Signal()
 
     def act():
@@ -236,7 +236,7 @@ def test_a_child_forked_within_a_transaction_opens_the_store_anew(kb, shared_url
 
 
 def test_forking_while_threads_work(kb):
-    """Forks wait until other threads are out of the store: the child works, and no thread notices."""
+    """Forks wait until other threads have left the store: the child works, and no thread is disturbed."""
     stop = threading.Event()
     failures = []
 
@@ -260,8 +260,8 @@ def test_forking_while_threads_work(kb):
     assert texts(kb) == {"(by parent)", *(f"(by child{number})" for number in range(6))}
 
 
-def test_a_fork_waits_for_nobody_who_is_not_within_sqlite(kb):
-    """Where no other thread is within the store, neither the fork waits nor the parent for what the child closes."""
+def test_a_fork_does_not_wait_for_threads_outside_sqlite(kb):
+    """Where no other thread is inside the store, neither the fork waits, nor the parent for the child's closing."""
 
     class Slow:
         """Connections that a child takes long to close."""
@@ -289,9 +289,9 @@ def test_a_fork_waits_for_nobody_who_is_not_within_sqlite(kb):
 
 
 def test_a_fork_in_the_middle_of_another_threads_transaction(path, monkeypatch):
-    """Where another thread does not leave SQLite in time, the child is told that it can't use files of SQLite.
+    """Where another thread does not leave SQLite in time, the child gets an error for files of SQLite.
 
-    It has no way to do so safely; the parent goes on.
+    It has no safe way to use them; the parent works on.
     """
     monkeypatch.setattr(forks, "PATIENCE", 0.1)
     kb = kbstore.open(path)
@@ -341,7 +341,7 @@ kb.close()
 
 
 def test_a_child_that_ends_like_any_program(shared_url, name):
-    """A child that ends by itself, whether it has used the store or not, does not end its parent's connection."""
+    """A child that exits by itself, whether it has used the store or not, does not end its parent's connection."""
     done = subprocess.run(
         [sys.executable, "-c", LEAVING, shared_url, name], capture_output=True, text=True, check=False
     )

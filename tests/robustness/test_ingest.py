@@ -1,4 +1,4 @@
-"""Ingesting more than fits into memory: batches, totals, errors that name the item, memory that does not grow.
+"""Ingesting more than fits into memory: batches, totals, errors that name the item, constant memory.
 
 With KBSTORE_TEST_FULL=1 the memory is measured over a million items.
 """
@@ -33,14 +33,14 @@ def readings(open_kb):
 
 
 def test_all_items_are_added(readings):
-    """Texts, mappings and messages from an iterator are added as `add` does, in transactions of one batch each."""
+    """Texts, mappings and messages from an iterator are added as by `add`, in one transaction for each batch."""
     items = itertools.chain(
         ("s2 - sensor", {"knowledge_type": 1, "attribute_name": "seen", "values": [{"key": "s", "value": "s2"}]}),
         (kbstore.Function(attribute_name="reading", values=["s0"], function_value=value) for value in range(7)),
     )
-    told = []
-    done = readings.ingest(items, batch=4, client="logger", note="old log", progress=told.append)
-    assert told == [4, 8, 9]
+    reported = []
+    done = readings.ingest(items, batch=4, client="logger", note="old log", progress=reported.append)
+    assert reported == [4, 8, 9]
     assert (done.items, done.batches, done.number, done.client, done.note) == (9, 3, 5, "logger", "old log")
     changes = list(readings.changes(after=2))
     assert [change.transaction.changes for change in changes] == [3, 1, 1]
@@ -50,8 +50,8 @@ def test_all_items_are_added(readings):
     assert readings.value("(reading s0)") == 6
 
 
-def test_what_it_returns_is_its_last_transaction(readings, clock):
-    """The result stands for the last transaction, as a belief's `as_of`, too."""
+def test_ingest_returns_its_last_transaction(readings, clock):
+    """The result is the last transaction, which `as_of` takes, too."""
     done = readings.ingest(["(seen s0)", "(seen s1)"], batch=1)
     clock.advance(5)
     readings.remove("(seen s0)")
@@ -60,7 +60,7 @@ def test_what_it_returns_is_its_last_transaction(readings, clock):
 
 
 def test_items_that_change_nothing(readings):
-    """C1: nothing, or nothing new, takes no number; the result has the latest one, and no changes."""
+    """C1: no item, or no change, takes no number; the result has the latest one, and no changes."""
     done = readings.ingest([])
     assert (done.number, done.items, done.batches, done.changes) == (2, 0, 0, 0)
     done = readings.ingest(iter(["s0 - sensor"]), batch=1)
@@ -76,22 +76,22 @@ def test_scheduled_items_keep_their_time(readings, clock):
 
 
 def test_violations_name_the_item(readings):
-    """D1: all violations of the batch, each with the number of its item; what came before the batch is stored."""
+    """D1: all violations of the batch, each with the number of its item; earlier batches are stored."""
     items = ["(seen s0)", "(= (reading s0) 1)", "(seen s1)", "(flying s0)", "(seen s9)", "(seen s1)", "(seen s0)"]
-    told = []
+    reported = []
     with pytest.raises(InvalidKnowledge) as refusal:
-        readings.ingest(iter(items), batch=3, progress=told.append)
+        readings.ingest(iter(items), batch=3, progress=reported.append)
     first, second, kept = refusal.value.violations
     assert first.startswith("item 4: (flying s0)")
     assert second.startswith("item 5: (seen s9)")
     assert kept == "nothing from item 4 on was stored, the 3 items before were"
-    assert told == [3]
+    assert reported == [3]
     assert {str(fact) for fact in readings.state().facts} == {"(seen s0)", "(seen s1)"}
     assert [change.number for change in readings.changes()] == [1, 2, 3]
 
 
 def test_many_violations_are_not_all_listed(readings):
-    """Of a batch in which very much is wrong, as much is said as a person reads."""
+    """Of a batch with very many violations, no more are listed than a person reads."""
     with pytest.raises(InvalidKnowledge) as refusal:
         readings.ingest(f"(flying s{number})" for number in range(1000))
     assert len(refusal.value.violations) == 22
@@ -101,8 +101,8 @@ def test_many_violations_are_not_all_listed(readings):
     )
 
 
-def test_what_cannot_be_read_names_the_item(readings):
-    """Text that is not PDDL is refused with its item's number, and where in the text."""
+def test_a_syntax_error_names_the_item(readings):
+    """Text that is not PDDL is refused with its item's number, and the position in the text."""
     with pytest.raises(PddlSyntaxError, match=r"^item 3 \(nothing from item 3 on .*\): line 1, column") as refusal:
         readings.ingest(["(seen s0)", "(seen s1)", "(seen s0"], batch=2)
     assert (refusal.value.line, refusal.value.source) == (1, None)
@@ -110,7 +110,7 @@ def test_what_cannot_be_read_names_the_item(readings):
 
 
 def test_an_iterator_that_fails(readings):
-    """What the iterator raises comes out as it is; the batches before it are stored, that in which it failed is not."""
+    """The iterator's exception is raised unchanged; earlier batches are stored, the batch in which it failed is not."""
 
     def items():
         yield from ("(seen s0)", "(seen s1)", "(= (reading s0) 1)")
@@ -123,7 +123,7 @@ def test_an_iterator_that_fails(readings):
 
 
 def test_the_iterator_may_ask_the_knowledge_base(readings):
-    """Between batches no transaction is open: an iterator may ask, and write, what it needs."""
+    """Between batches no transaction is open: an iterator may ask and write."""
     seen = []
 
     def items():
@@ -143,14 +143,14 @@ def test_one_item_is_not_an_iterable_of_items(readings, one):
         readings.ingest(one)
 
 
-def test_a_batch_has_an_item(readings):
-    """A batch of no items would never come to an end."""
+def test_an_empty_batch_size_is_refused(readings):
+    """A batch of no items would never end."""
     with pytest.raises(ValueError, match="at least one item"):
         readings.ingest(["(seen s0)"], batch=0)
 
 
 def test_where_writing_is_refused(readings, tmp_path):
-    """A store that is only read, or closed, refuses before the iterator is touched."""
+    """A store that is read-only or closed refuses before the iterator is used."""
     items = iter(["(seen s0)"])
     path = tmp_path / "store.db"
     kbstore.open(path).close()
@@ -169,12 +169,12 @@ def test_memory_does_not_grow(tmp_path):
     with kbstore.open(tmp_path / "store.db", durability="normal") as kb:
         kb.ingest((f"(seen o{number})" for number in range(batch)), batch=batch)
         peaks = []
-        # how often garbage is collected shall not depend on what other tests have left in memory
+        # garbage collection must not depend on what other tests have left in memory
         gc.collect()
         gc.freeze()
         tracemalloc.start()
         try:
-            # what is remembered of names has a limit, which is reached beforehand
+            # the cache of names has a limit, which is reached beforehand
             for number in range(formulas.KNOWN_VALUES):
                 kbstore.item(f"(seen o{-number})")
             for part in (1, 10):
@@ -191,7 +191,7 @@ def test_memory_does_not_grow(tmp_path):
 
 
 def test_a_transaction_leaves_nothing_to_the_garbage_collector():
-    """What a transaction worked with goes when it ends: a batch does not wait in memory for cycles to be looked for."""
+    """The memory of a transaction is freed when it ends: a batch does not wait for the garbage collector."""
     with kbstore.open("sqlite://") as kb:
         kb.add("(seen a)")
         gc.collect()

@@ -1,4 +1,4 @@
-"""An interrupt (Ctrl-C) at any moment of a call leaves nothing behind: the next call of the thread goes on."""
+"""An interrupt (Ctrl-C) at any point of a call leaves nothing open: the next call of the thread works."""
 
 import contextlib
 import gc
@@ -21,9 +21,9 @@ ENDINGS = {"__exit__", "checkin", "_return", "put"}
 
 
 class Interrupt:
-    """A profiler that raises `KeyboardInterrupt` at the nth moment at which CPython would raise it in kbstore.
+    """A profiler that raises `KeyboardInterrupt` at the nth point at which CPython would raise it in kbstore.
 
-    CPython looks for signals when a function in Python begins, and when one in C has returned.
+    CPython checks for signals when a function in Python begins, and when one in C has returned.
     """
 
     def __init__(self, n):
@@ -49,7 +49,7 @@ class Interrupt:
 
 @pytest.fixture
 def no_collection():
-    """Without the garbage collector, whose calls would swallow the interrupt."""
+    """Disable the garbage collector, whose calls would swallow the interrupt."""
     gc.disable()
     yield
     gc.enable()
@@ -64,7 +64,7 @@ CALLS = {
 
 @pytest.fixture(params=["memory", "file", "postgresql"])
 def opened(request, tmp_path, name):
-    """A knowledge base, and the same opened by another where there can be one."""
+    """A knowledge base, and a second one on the same store where that is possible."""
     if request.param == "memory":
         place = "sqlite://"
     elif request.param == "postgresql":
@@ -83,7 +83,7 @@ def opened(request, tmp_path, name):
 
 @pytest.mark.parametrize("call", CALLS.values(), ids=CALLS)
 def test_an_interrupt_leaves_nothing_open(opened, call, no_collection):
-    """Whenever it comes: no transaction, no lock; the thread goes on while the interrupt is still being handled."""
+    """No transaction and no lock, at any point; the thread works while the interrupt is still being handled."""
     kb, other = opened
     interrupted = 0
     for n in itertools.count():
@@ -94,7 +94,7 @@ def test_an_interrupt_leaves_nothing_open(opened, call, no_collection):
         except (KeyboardInterrupt, StoreUnavailable):
             # psycopg may raise an error of its own for an interrupt
             interrupted += 1
-            goes_on(kb, other, interrupt.moment)
+            works_on(kb, other, interrupt.moment)
         finally:
             sys.setprofile(None)
         if interrupt.moment is None:
@@ -102,8 +102,8 @@ def test_an_interrupt_leaves_nothing_open(opened, call, no_collection):
     assert interrupted > 8
 
 
-def goes_on(kb, other, moment):
-    """Check that this thread, and another, see and write what they should."""
+def works_on(kb, other, moment):
+    """Check that this thread, and another, read and write as they should."""
     found = []
 
     def ask():

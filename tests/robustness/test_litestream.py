@@ -1,4 +1,4 @@
-"""A file whose log Litestream copies into a folder, as it would to object storage; the statements of the page."""
+"""Litestream copies a file's log into a folder, as into object storage, by the commands of the page."""
 
 import shutil
 import signal
@@ -20,7 +20,7 @@ pytestmark = pytest.mark.skipif(LITESTREAM is None, reason="litestream is not in
 
 @pytest.fixture
 def replicating(tmp_path):
-    """Litestream, copying `rooms.db` of this folder into `replica`; and what restores the copy into a file."""
+    """Litestream, copying `rooms.db` of this folder into `replica`; and a function that restores the copy."""
     configuration = tmp_path / "litestream.yml"
     configuration.write_text(
         f"dbs:\n  - path: {tmp_path}/rooms.db\n    replica:\n      path: {tmp_path}/replica\n"
@@ -43,7 +43,7 @@ def replicating(tmp_path):
 
 
 def numbered(path):
-    """The numbers that a store has of `(at kenny p<number>)`, in order of their transactions."""
+    """The numbers of `(at kenny p<number>)` in a store, in order of their transactions."""
     try:
         kb = kbstore.open(path, "kenny", read_only=True)
     except kbstore.KbStoreError:
@@ -53,10 +53,10 @@ def numbered(path):
         return [int(change.asserted[0].item.arguments[1].removeprefix("p")) for change in kb.changes()]
 
 
-def test_nothing_is_lost_that_was_copied(replicating, tmp_path):
-    """A live file is copied; both processes are killed; what was acknowledged before the last copy is restored.
+def test_a_restored_copy_has_all_copied_transactions(replicating, tmp_path):
+    """A live file is copied; both processes are killed; transactions acknowledged before the last copy are restored.
 
-    What is restored is the file as it was after one of the transactions, none of which is missing.
+    The restored file is that after one of the transactions, none of which is missing.
     """
     process, restore = replicating
     with kbstore.open(tmp_path / "rooms.db", "kenny") as kb:

@@ -1,4 +1,4 @@
-"""Waiting for locks: below the busy time-out nobody hears of it, above it the error says what it is."""
+"""Waiting for locks: below the busy timeout nothing is reported, above it the error says why."""
 
 import sqlite3
 import threading
@@ -15,7 +15,7 @@ from kbstore.errors import StoreUnavailable
 
 @pytest.fixture
 def lock(path):
-    """Takes SQLite's write lock on the file from outside, until it is closed."""
+    """Hold SQLite's write lock on the file from outside, until it is closed."""
     kbstore.open(path).close()
     with closing(sqlite3.connect(path, isolation_level=None)) as connection:
         connection.execute("BEGIN IMMEDIATE")
@@ -23,7 +23,7 @@ def lock(path):
 
 
 def test_a_writer_waits_for_the_lock(path, lock):
-    """A lock that is held for less than the time-out only makes a writer wait; readers don't even notice it."""
+    """A lock held for less than the timeout makes only writers wait; readers are not affected."""
     with kbstore.open(path, busy_timeout=20) as kb:
         assert kb.state().facts == []
         writer = threading.Thread(target=kb.add, args=("(raining)",))
@@ -36,7 +36,7 @@ def test_a_writer_waits_for_the_lock(path, lock):
 
 
 def test_above_the_time_out_it_is_store_unavailable(path, lock):
-    """A lock that is held longer is `StoreUnavailable`, after the time-out; nothing is stored, and later it works."""
+    """A lock held longer is `StoreUnavailable`, after the timeout; nothing is stored, and later it works."""
     with kbstore.open(path, busy_timeout=0.3) as kb:
         before = time.monotonic()
         with pytest.raises(StoreUnavailable, match=r"store\.db has been locked by others for more than 0\.3 s"):
@@ -47,8 +47,8 @@ def test_above_the_time_out_it_is_store_unavailable(path, lock):
         assert kb.add("(raining)").number == 1
 
 
-def test_no_patience_at_all(path, lock):
-    """A time-out of 0 asks once."""
+def test_a_timeout_of_zero(path, lock):
+    """A timeout of 0 tries once."""
     with kbstore.open(path, busy_timeout=0) as kb:
         with pytest.raises(StoreUnavailable, match="more than 0 s"):
             kb.add("(raining)")
@@ -57,7 +57,7 @@ def test_no_patience_at_all(path, lock):
 
 
 def test_opening_waits_too(tmp_path):
-    """A file that is locked while its schema is to be made, or the mode of its log changed, is waited for."""
+    """A file that is locked while its schema is created, or the mode of its log changed, is waited for."""
     path = tmp_path / "locked.db"
     with closing(sqlite3.connect(path, isolation_level=None, check_same_thread=False)) as holder:
         holder.execute("BEGIN EXCLUSIVE")
@@ -78,8 +78,8 @@ def test_opening_waits_too(tmp_path):
             assert kb.holds("(raining)")
 
 
-def test_a_reader_keeps_nobody_waiting(path):
-    """A long read, as of a backup or an export, does not keep writers waiting, and sees nothing of what they write."""
+def test_a_reader_blocks_no_writer(path):
+    """A long read, as of a backup or an export, does not make writers wait, and sees none of their writes."""
     with kbstore.open(path, busy_timeout=0.2) as kb:
         kb.add("(raining)")
         with closing(sqlite3.connect(path, isolation_level=None)) as reader:
@@ -91,7 +91,7 @@ def test_a_reader_keeps_nobody_waiting(path):
 
 
 def test_writers_of_one_knowledge_base_on_postgresql(postgresql_url, name):
-    """On PostgreSQL a writer waits for another of the same knowledge base for as long as the time-out, and not more."""
+    """A writer waits for another of the same knowledge base up to the timeout."""
     with (
         kbstore.open(postgresql_url, name) as first,
         kbstore.open(postgresql_url, name, busy_timeout=0.3) as second,
@@ -105,7 +105,7 @@ def test_writers_of_one_knowledge_base_on_postgresql(postgresql_url, name):
 
 
 def test_writers_of_different_knowledge_bases_on_postgresql(postgresql_url, name):
-    """Writers of different knowledge bases in one database don't wait for each other, new ones included."""
+    """Writers of different knowledge bases in one database don't wait for each other, also with new ones."""
     with kbstore.open(postgresql_url, name) as first, first.transaction() as transaction:
         transaction.add("wp0 - waypoint", "(raining)")
         with kbstore.open(postgresql_url, f"{name} other", busy_timeout=0.3) as second:
@@ -134,7 +134,7 @@ def test_the_host_of_postgresql_may_have_another_isolation(postgresql_url, name)
 
 
 def test_an_interrupt_while_a_writer_waits(shared_url, name):
-    """Ctrl-C takes effect when the lock has been got: the transaction that has begun by then is not left open."""
+    """Ctrl-C takes effect when the lock is acquired: the transaction that has begun is not left open."""
     with kbstore.open(shared_url, name) as kb, kbstore.open(shared_url, name, busy_timeout=0.5) as other:
         kb.add("(raining)")
         with kb._database.connect() as connection:
@@ -159,7 +159,7 @@ def test_an_interrupt_while_a_writer_waits(shared_url, name):
 
 @pytest.fixture
 def cut(postgresql_url):
-    """Ends the server's side of a knowledge base's connections, as a restart of the server does."""
+    """End the server's side of a knowledge base's connections, as a restart of the server does."""
 
     def cutting(kb):
         with kb._database.connect() as session:
@@ -184,7 +184,7 @@ def test_a_connection_that_was_lost_while_idle_is_made_anew(postgresql_url, name
 
 
 def test_connections_that_an_engine_has_lost_while_idle(empty_database):
-    """After a restart of the server a call goes through the lost ones of the engine's pool, also those new to it."""
+    """After a restart of the server a call replaces the lost connections of the engine's pool, also unused ones."""
     engine = sa.create_engine(empty_database)
     with kbstore.open(engine) as kb:
         kb.add("(raining)")
@@ -201,7 +201,7 @@ def test_connections_that_an_engine_has_lost_while_idle(empty_database):
 
 
 def test_a_connection_that_is_lost_within_a_transaction(postgresql_url, name, cut):
-    """Within a transaction the call under way is `StoreUnavailable`, all of it is gone, and the next call works."""
+    """Within a transaction the call is `StoreUnavailable`, all of it is rolled back, and the next call works."""
 
     def lose():
         with kb.transaction() as transaction:
@@ -218,7 +218,7 @@ def test_a_connection_that_is_lost_within_a_transaction(postgresql_url, name, cu
 
 
 def test_a_block_that_goes_on_after_its_connection_was_lost(postgresql_url, name, cut):
-    """A block that catches the error cannot store half of what it did: leaving it is `StoreUnavailable`, too."""
+    """A block that catches the error cannot store half of its writes: leaving it is `StoreUnavailable`, too."""
 
     def go_on():
         with kb.transaction() as transaction:
@@ -236,7 +236,7 @@ def test_a_block_that_goes_on_after_its_connection_was_lost(postgresql_url, name
 
 
 def test_a_connection_that_is_lost_at_the_end(postgresql_url, name, cut):
-    """Lost before the end, the transaction is not stored; that it is not known is said only of COMMIT itself."""
+    """Lost before the end, the transaction is not stored; only for COMMIT itself does the error call that unknown."""
 
     def lose(at_commit):
         with kb.transaction() as transaction:
@@ -264,7 +264,7 @@ def test_a_connection_that_is_lost_at_the_end(postgresql_url, name, cut):
 
 
 def test_a_watch_goes_on_after_a_lost_connection(postgresql_url, name, cut):
-    """A follower whose connection is lost between two looks at the store misses nothing."""
+    """A follower whose connection is lost between two polls misses nothing."""
     with kbstore.open(postgresql_url, name) as kb, kbstore.open(postgresql_url, name) as writer:
         watching = kb.watch(after=0, poll=0.01, timeout=10)
         writer.add("(raining)")

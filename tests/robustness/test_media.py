@@ -1,4 +1,4 @@
-"""A file system that is full, and one that is mounted read-only: the real ones, which root can mount."""
+"""File systems that are full, or mounted read-only: real ones, which root can mount."""
 
 import os
 import re
@@ -14,7 +14,7 @@ from tests.robustness.test_faults import many, sound
 
 
 class Medium:
-    """A small file system of its own, in memory."""
+    """A small file system in memory."""
 
     def __init__(self, folder):
         self.folder = folder
@@ -22,7 +22,7 @@ class Medium:
         self._mount("-t", "tmpfs", "-o", "size=1m", "tmpfs", folder)
 
     def become(self, options):
-        """Change how it is mounted."""
+        """Mount it with other options."""
         self._mount("-o", f"remount,{options}", self.folder)
 
     def content(self):
@@ -35,7 +35,7 @@ class Medium:
 
 @pytest.fixture
 def medium(tmp_path):
-    """One that is empty, of 1 MB."""
+    """An empty one of 1 MB."""
     if os.geteuid() != 0 or shutil.which("mount") is None:
         pytest.skip("only root can mount a file system")
     try:
@@ -51,8 +51,8 @@ def fill(kb, acknowledged):
         acknowledged.append(kb.add(*many(number * 100, 100), "(increase (counter) 1)"))
 
 
-def test_a_medium_that_is_full(medium, tmp_path):
-    """What was acknowledged can be asked, nothing else is stored, no copy is left half; with more room it goes on."""
+def test_a_full_medium(medium, tmp_path):
+    """Acknowledged transactions can be read, no more are stored, no copy is left half; with more room it works."""
     with kbstore.open(medium.folder / "store.db", "kenny") as kb:
         kb.add("(= (counter) 0)")
         acknowledged = []
@@ -77,8 +77,8 @@ def test_a_medium_that_is_full(medium, tmp_path):
         assert sound(kb)
 
 
-def test_a_store_that_is_made_where_there_is_no_room(medium):
-    """It is refused in a sentence, and made once there is room."""
+def test_creating_a_store_on_a_full_medium(medium):
+    """It is refused in one sentence, and created once there is room."""
     (medium.folder / "ballast").write_bytes(bytes(1_000_000))
     with pytest.raises(StoreUnavailable, match=r"store.db: .*(full|disk I/O error)"):
         kbstore.open(medium.folder / "store.db")
@@ -88,7 +88,7 @@ def test_a_store_that_is_made_where_there_is_no_room(medium):
 
 
 def test_a_medium_that_is_mounted_read_only(medium):
-    """A backup opens there; for a file in WAL mode the error says how, and what it says works. Nothing is written."""
+    """A backup opens there; for a file in WAL mode the error says how, and its advice works. Nothing is written."""
     store, copy = medium.folder / "store.db", medium.folder / "copy.db"
     with kbstore.open(store) as kb:
         kb.add("(raining)")
@@ -113,7 +113,7 @@ def test_a_medium_that_is_mounted_read_only(medium):
 
 
 def test_a_medium_with_a_log_that_is_not_in_the_file(medium, tmp_path):
-    """What a crash, or a copy of a live file, has left in the log is read, or it is refused: never a state without."""
+    """A log left by a crash, or in a copy of a live file, is read, or the file is refused: never read without it."""
     path = medium.folder / "store.db"
     with kbstore.open(tmp_path / "live.db") as kb:
         kb.add("(raining)")

@@ -21,7 +21,7 @@ OPEN, SHUT = "(open hall)", "(not (open hall))"
 
 
 def until(condition):
-    """Wait until something is so."""
+    """Wait until a condition is true."""
     deadline = time.monotonic() + processes.TOO_LONG
     while not condition():
         assert time.monotonic() < deadline
@@ -29,7 +29,7 @@ def until(condition):
 
 
 def asked(kb, monkeypatch, times=5):
-    """How many statements several times the same question takes."""
+    """The number of statements that repeating one question needs."""
     statements = []
     with monkeypatch.context() as patched:
         first = PostgresqlConnection.first
@@ -57,13 +57,13 @@ def listening(postgresql_url, name):
 
 
 def remembers(kb):
-    """Whether answers are remembered just now."""
+    """Whether answers are cached at this moment."""
     with kb._database.connect() as connection:
         return connection.memory(kb._reader.kb) is not None
 
 
 def listeners(raw, kb):
-    """The server processes that somebody has for listening to a knowledge base."""
+    """The server processes of listeners to a knowledge base."""
     rows = raw.execute(
         "SELECT pid FROM pg_locks WHERE locktype = 'advisory' AND mode = 'ShareLock' AND objid = %s", (kb._reader.kb,)
     )
@@ -71,7 +71,7 @@ def listeners(raw, kb):
 
 
 def test_an_answer_is_remembered(listening, monkeypatch, postgresql_url, name):
-    """The same question again takes no trip; without the setting it takes one each time."""
+    """The same question again needs no round trip; without the setting it needs one each time."""
     assert not listening.holds(OPEN)
     until(lambda: asked(listening, monkeypatch) == 0)
     assert not listening.is_quick(OPEN)
@@ -80,7 +80,7 @@ def test_an_answer_is_remembered(listening, monkeypatch, postgresql_url, name):
 
 
 def flip(url, name, times, together):
-    """Set a fact again and again, each time at a sign."""
+    """Set a fact again and again, each time at a signal."""
     with kbstore.open(url, name) as kb:
         for number in range(times):
             together.wait()
@@ -88,8 +88,8 @@ def flip(url, name, times, together):
             together.wait()
 
 
-def test_what_others_write_is_seen_after_its_notification(postgresql_url, name, monkeypatch):
-    """Another process writes, which knows nothing of notifications; no heartbeat comes before its commits are seen."""
+def test_writes_of_others_are_seen_after_their_notification(postgresql_url, name, monkeypatch):
+    """The other process does not use notifications; its commits are seen before any heartbeat."""
     monkeypatch.setattr(notifications, "HEARTBEAT", 10 * processes.TOO_LONG)
     monkeypatch.setattr(notifications, "TRUST", 20 * processes.TOO_LONG)
     together = processes.barrier(2)
@@ -119,8 +119,8 @@ def test_own_writes_are_seen_at_once(listening, postgresql_url, name):
                 assert listening.holds(OPEN) is second.holds(OPEN) is not bool(number % 2)
 
 
-def test_what_a_caller_commits_is_seen_at_once(listening, postgresql_url):
-    """In a transaction of the caller's nothing is remembered between the write and the notification."""
+def test_commits_of_a_caller_are_seen_at_once(listening, postgresql_url):
+    """In a caller's transaction no answer is cached between the write and the notification."""
     engine = sa.create_engine(postgresql_url)
     for number in range(6):
         with engine.begin() as connection:
@@ -137,8 +137,8 @@ def test_what_a_caller_commits_is_seen_at_once(listening, postgresql_url):
     engine.dispose()
 
 
-def test_writers_notify_only_where_somebody_listens(raw, postgresql_url, name):
-    """NOTIFY takes a lock of the whole database; who listens shows it by an advisory lock."""
+def test_writers_notify_only_if_there_is_a_listener(raw, postgresql_url, name):
+    """NOTIFY takes a lock of the whole database; a listener is known by an advisory lock."""
     with kbstore.open(postgresql_url, name) as kb:
         number = kb._reader.kb
         raw.execute(f"LISTEN {notifications.channel(number)}")
@@ -152,8 +152,8 @@ def test_writers_notify_only_where_somebody_listens(raw, postgresql_url, name):
         assert not list(raw.notifies(timeout=0.1))
 
 
-def test_nothing_is_remembered_while_a_writer_may_not_notify(postgresql_url, name):
-    """Who wrote before anybody listened, and commits later, is waited for."""
+def test_nothing_is_cached_while_a_writer_may_not_notify(postgresql_url, name):
+    """A writer that wrote before there was a listener, and commits later, is waited for."""
     engine = sa.create_engine(postgresql_url)
     with kbstore.open(postgresql_url, name) as writer:
         writer.add(SHUT)
@@ -172,15 +172,15 @@ def test_nothing_is_remembered_while_a_writer_may_not_notify(postgresql_url, nam
     engine.dispose()
 
 
-def test_a_listener_that_is_lost(listening, raw, monkeypatch):
-    """Its session is ended: answers are asked for each time, until another one listens."""
+def test_a_lost_listener(listening, raw, monkeypatch):
+    """Its session is ended: no answer is cached until there is another listener."""
     assert not listening.holds(OPEN)
     monkeypatch.setattr(notifications, "_PAUSE", 0.2)
     (pid,) = listeners(raw, listening)
     raw.execute("SELECT pg_terminate_backend(%s, 5000)", (pid,))
     until(lambda: not remembers(listening))
     head = raw.execute("SELECT last_number FROM heads WHERE kb_id = %s", (listening._reader.kb,)).fetchone()
-    # as by a writer that finds nobody who listens
+    # as by a writer that finds no listener
     raw.execute("UPDATE facts SET is_negative = false WHERE kb_id = %s", (listening._reader.kb,))
     assert listening.holds(OPEN)
     until(lambda: remembers(listening))
@@ -189,8 +189,8 @@ def test_a_listener_that_is_lost(listening, raw, monkeypatch):
     assert not listening.holds(OPEN)
 
 
-def test_nothing_is_remembered_longer_than_a_heartbeat(raw, postgresql_url, name, monkeypatch):
-    """What never notifies, such as a restore within the tables, is seen after a heartbeat."""
+def test_nothing_is_cached_longer_than_a_heartbeat(raw, postgresql_url, name, monkeypatch):
+    """A change without a notification, such as a restore within the tables, is seen after a heartbeat."""
     monkeypatch.setattr(notifications, "HEARTBEAT", 0.1)
     with kbstore.open(postgresql_url, name, notifications=True) as kb:
         kb.add(SHUT)
@@ -200,8 +200,8 @@ def test_nothing_is_remembered_longer_than_a_heartbeat(raw, postgresql_url, name
         until(lambda: kb.holds(OPEN))
 
 
-def test_nothing_is_trusted_when_the_server_is_silent():
-    """A time after the last answer of the server's nothing is remembered any more, whatever the thread does."""
+def test_nothing_is_cached_when_the_server_is_silent():
+    """Some time after the server's last answer nothing is cached any more, even if the thread is blocked."""
     listener = Listener("a store", lambda: None, (OSError,))
     subscription = Subscription(listener, 1)
     subscription.renew()
@@ -211,8 +211,8 @@ def test_nothing_is_trusted_when_the_server_is_silent():
     assert subscription.answers() is None
 
 
-def test_a_closed_knowledge_base_listens_no_more(raw, postgresql_url, name):
-    """Two of a process share one listener; with the last of them the lock and the connection go."""
+def test_a_closed_knowledge_base_stops_listening(raw, postgresql_url, name):
+    """Two of a process share one listener; with the last of them the lock and the connection are closed."""
     first = kbstore.open(postgresql_url, name, notifications=True)
     second = kbstore.open(postgresql_url, name, notifications=True)
     first.add(OPEN)
@@ -228,7 +228,7 @@ def test_a_closed_knowledge_base_listens_no_more(raw, postgresql_url, name):
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="this system has no fork")
 @pytest.mark.filterwarnings("ignore:This process .* is multi-threaded:DeprecationWarning")
 def test_a_forked_child_listens_by_itself(listening, raw):
-    """The child has a connection of its own, the parent goes on with the one that it has."""
+    """The child has its own connection, and the parent keeps its own."""
     assert not listening.holds(OPEN)
     before = listeners(raw, listening)
 
@@ -247,8 +247,8 @@ def test_a_forked_child_listens_by_itself(listening, raw):
     assert not listening.holds(OPEN)
 
 
-def test_where_nobody_can_listen(postgresql_url, name):
-    """A pooler and an engine of the caller's are refused, and say why; SQLite needs no notifications."""
+def test_stores_without_notifications(postgresql_url, name):
+    """A pooler and a caller's engine are refused with the reason; SQLite needs no notifications."""
     engine = sa.create_engine(postgresql_url)
     with pytest.raises(StoreUnavailable, match="by its URL"):
         kbstore.open(engine, name, notifications=True)

@@ -1,4 +1,4 @@
-"""Behind a pooler in transaction mode no client's settings reach another: a test double everywhere, PgBouncer too."""
+"""Behind a pooler in transaction mode no client's settings reach another: with a test double, and PgBouncer."""
 
 import os
 import select
@@ -23,7 +23,7 @@ PGBOUNCER = shutil.which("pgbouncer", path=f"{os.environ.get('PATH', '')}:/usr/s
 
 
 def server_is_ours(url):
-    """Whether the server of the tests listens in the file system, where the poolers look for it."""
+    """Whether the server of the tests listens on a socket where the poolers look for it."""
     return "host" in sa.make_url(url).query
 
 
@@ -32,7 +32,7 @@ def bounced(url):
     """The URL of a database through PgBouncer, with one server connection that all clients share."""
     direct = sa.make_url(url)
     with tempfile.TemporaryDirectory(prefix="pb", dir="/tmp") as directory:
-        # PgBouncer does not run as root: as who has the server it may reach the server's socket
+        # PgBouncer does not run as root; the owner of the server may connect to the server's socket
         owner = os.stat(direct.query["host"]).st_uid
         os.chown(directory, owner, -1)
         Path(directory, "pgbouncer.ini").write_text(
@@ -81,7 +81,7 @@ def driver_url(url):
 
 
 def session_settings(url):
-    """What a new client finds set, on each of the server's connections."""
+    """The settings that a new client finds on each of the server's connections."""
     found = set()
     with psycopg.connect(driver_url(url), autocommit=True, prepare_threshold=None) as connection:
         for _ in range(4):
@@ -94,7 +94,7 @@ def session_settings(url):
 
 
 def test_settings_of_one_client_do_not_reach_another(pooled_url):
-    """What is read-only, or waits for no disk, is one client's own; others write as ever, and nothing is left set."""
+    """Read-only and synchronous_commit are one client's own; others write as before, and no setting is left."""
     before = session_settings(pooled_url)
     with kbstore.open(pooled_url, "pooled") as writer:
         writer.add("(raining)")
@@ -110,7 +110,7 @@ def test_settings_of_one_client_do_not_reach_another(pooled_url):
 
 
 def test_an_engine_of_the_callers_through_a_pooler(pooled_url):
-    """The same by an engine whose driver prepares nothing."""
+    """The same with an engine whose driver prepares no statements."""
     before = session_settings(pooled_url)
     url = sa.make_url(pooled_url).difference_update_query(["prepare_threshold"])
     engine = sa.create_engine(url, connect_args={"prepare_threshold": None}, poolclass=NullPool)
@@ -124,9 +124,9 @@ def test_an_engine_of_the_callers_through_a_pooler(pooled_url):
 
 
 def test_nothing_is_prepared_behind_a_pooler(pooled_url):
-    """What is prepared under a name may be another client's there; it is noticed, by a URL and by an engine as it is.
+    """A prepared statement's name may be another client's there; it is noticed, by URL and for any engine.
 
-    A URL that says how often is obeyed, for poolers that know prepared statements.
+    A URL with a threshold is obeyed, for poolers that support prepared statements.
     """
     url = sa.make_url(pooled_url).difference_update_query(["prepare_threshold"])
     engine = sa.create_engine(url)
@@ -152,14 +152,14 @@ def test_nothing_is_prepared_behind_a_pooler(pooled_url):
         assert connection.driver.prepare_threshold == 7
 
 
-def test_what_to_do_where_prepared_statements_are_mixed_up():
-    """Who asks for them behind a pooler that does not know them is told what to leave out."""
+def test_the_error_of_mixed_up_prepared_statements():
+    """The error tells a user who asks for them behind a pooler without support what to remove."""
     for error in (psycopg.errors.InvalidSqlStatementName, psycopg.errors.DuplicatePreparedStatement):
         assert "leave prepare_threshold out of the URL" in str(unavailable(error("_pg3_0"), "rooms", 30.0))
 
 
 def test_a_day_behind_a_pooler(pooled_url):
-    """Loading, many questions of each kind, history, export: nothing depends on the connection that came before."""
+    """Loading, many questions of each kind, history, export: nothing depends on the previous connection."""
     with kbstore.open(pooled_url, "pooled") as kb, kbstore.open(pooled_url, "pooled") as other:
         kb.load("(define (domain d) (:types room) (:predicates (open ?r - room)) (:functions (n)))")
         kb.add("hall - room", "galley - room", "(= (n) 0)")
@@ -173,8 +173,8 @@ def test_a_day_behind_a_pooler(pooled_url):
         assert kb.state() is not None
 
 
-def test_an_answer_that_begins_before_all_has_been_asked(postgresql_url):
-    """The double passes on what fills the server's buffer, also where the client has yet to ask for the rest."""
+def test_an_answer_that_begins_before_all_queries_are_sent(postgresql_url):
+    """The double forwards whatever fills the server's buffer, also where the client has not yet asked for the rest."""
     if not server_is_ours(postgresql_url):
         pytest.skip("the server is not in this file system")
     with pooled(postgresql_url) as (url, _), psycopg.connect(driver_url(url), autocommit=True) as connection:
@@ -198,7 +198,7 @@ def test_an_answer_that_begins_before_all_has_been_asked(postgresql_url):
 
 
 def test_an_add_takes_five_trips_to_the_server(postgresql_url):
-    """It begins, locks the head, reads what holds, writes all rows together, and commits."""
+    """It begins, locks the head, reads the state, writes all rows together, and commits."""
     if not server_is_ours(postgresql_url):
         pytest.skip("the server is not in this file system")
     with pooled(postgresql_url) as (url, pooler), kbstore.open(url, "adds") as kb:
@@ -212,7 +212,7 @@ def test_an_add_takes_five_trips_to_the_server(postgresql_url):
 
 
 def test_a_state_takes_one_trip_to_the_server(postgresql_url):
-    """What holds is read with the head by one statement; with a schedule, by several in a transaction."""
+    """The state is read with the head by one statement; with a schedule, by several in a transaction."""
     if not server_is_ours(postgresql_url):
         pytest.skip("the server is not in this file system")
     with pooled(postgresql_url) as (url, pooler):
@@ -238,7 +238,7 @@ def test_a_state_takes_one_trip_to_the_server(postgresql_url):
             assert kb.holds("(and (p r) (q r))")
             assert pooler.trips - before <= 4
             with kbstore.open(url, "trips", clock=clock) as other:
-                # a kind of assertion that this process has not seen, and then what is scheduled
+                # a kind of assertion that this process has not seen, and then a scheduled one
                 other.add_metric("minimize (f r)")
                 clock.advance(kbstore.seconds(10))
                 state = kb.state(at=clock.now() - kbstore.seconds(5))

@@ -1,4 +1,4 @@
-"""Several processes on one store: nothing is lost, nothing comes twice, and one of several is first."""
+"""Several processes on one store: nothing is lost or repeated, and one of several is first."""
 
 import os
 import signal
@@ -17,7 +17,7 @@ INCREMENTS = 500
 
 
 def test_no_increment_is_lost(shared_url, name):
-    """C7, Q6: eight processes increase a counter; it is what all of them did, in numbers without gaps."""
+    """C7, Q6: the counter that eight processes increase has the sum of all, in numbers without gaps."""
     with kbstore.open(shared_url, name) as kb:
         kb.add("(= (counter) 0)")
         together = barrier(PROCESSES)
@@ -32,7 +32,7 @@ def test_no_increment_is_lost(shared_url, name):
 
 @pytest.mark.parametrize("attempt", range(2))
 def test_a_store_may_be_opened_first_by_several(untouched_url, attempt):
-    """Schema, WAL mode and knowledge base come into being once, also where eight processes find nothing at once."""
+    """Schema, WAL mode and knowledge base are created once, also where eight processes open the store at once."""
     del attempt
     together = barrier(PROCESSES)
     finish(*(start(open_and_add, untouched_url, "first", number, together) for number in range(PROCESSES)))
@@ -42,7 +42,7 @@ def test_a_store_may_be_opened_first_by_several(untouched_url, attempt):
         assert [change.number for change in kb.changes()] == list(range(1, PROCESSES + 1))
 
 
-def test_of_those_who_expect_the_same_one_is_first(shared_url, name):
+def test_one_of_several_processes_with_the_same_expectation_succeeds(shared_url, name):
     """`expect`: of eight that expect the same transaction to be the latest, exactly one succeeds, in each round."""
     rounds, won, together = 8, queue(), barrier(PROCESSES)
     with kbstore.open(shared_url, name) as kb:
@@ -68,8 +68,8 @@ def test_a_follower_misses_and_repeats_nothing(shared_url, name, follower):
     assert {text for _, text in found[1:]} == expected
 
 
-def test_a_follower_that_was_killed_goes_on(shared_url, name, tmp_path):
-    """Q6: killed at any moment, and started again with what it noted last, a follower has seen everything once."""
+def test_a_killed_follower_can_be_restarted(shared_url, name, tmp_path):
+    """Q6: killed at any time, and restarted after the last number that it recorded, it has seen each change once."""
     diary, total = tmp_path / "diary", 41
     diary.touch()
     with kbstore.open(shared_url, name) as kb:

@@ -1,4 +1,4 @@
-"""Two servers of PostgreSQL: one for reading, fail-over, and one knowledge base replicated into another server."""
+"""Two PostgreSQL servers: reading a standby, fail-over, and replicating one knowledge base to another server."""
 
 import re
 import shutil
@@ -18,7 +18,7 @@ from tests.transfer.pushes import following, same
 
 @pytest.fixture
 def folder():
-    """A folder that another user may go through, unlike pytest's own."""
+    """A folder that another user may enter, unlike pytest's own."""
     made = tempfile.mkdtemp(prefix="kb")
     yield f"{made}/"
     shutil.rmtree(made, ignore_errors=True)
@@ -42,7 +42,7 @@ def standby(primary, folder):
 
 
 def test_a_standby_is_read_and_watched(primary, standby):
-    """`read_only=True` on a hot standby: the same answers, changes as they arrive, and no writing."""
+    """`read_only=True` on a hot standby: the same answers, changes as they arrive, and no writes."""
     with kbstore.open(primary.url(), "kenny") as kb:
         kb.load("(define (domain d) (:types room) (:predicates (open ?r - room)) (:functions (level)))")
         kb.add("hall - room", "(open hall)")
@@ -69,7 +69,7 @@ def test_a_standby_is_read_and_watched(primary, standby):
 
 
 def test_fail_over(primary, standby, folder):
-    """The primary is killed, the standby promoted: nothing acknowledged is lost, and the writer goes on by itself.
+    """The primary is killed, the standby promoted: nothing acknowledged is lost, and the writer works on.
 
     So does a push that follows a robot's file.
     """
@@ -114,7 +114,7 @@ def test_fail_over(primary, standby, folder):
 
 @pytest.fixture
 def other(primary, folder):
-    """A server of its own, with the tables of a store."""
+    """Another server, with the tables of a store."""
     primary.run("CHECKPOINT")
     server = Server.made(f"{folder}other")
     yield server
@@ -122,7 +122,7 @@ def other(primary, folder):
 
 
 def test_one_knowledge_base_is_replicated_and_taken_over(primary, other):
-    """By the statements of docs/operations.md: a publication of its rows alone, beside others that the server has."""
+    """By the statements of docs/operations.md: a publication of its rows alone, beside other publications."""
     statements = sql_under(ROOT / "docs" / "operations.md", "One knowledge base by logical replication")
     with kbstore.open(other.url(), "lenny") as lenny, kbstore.open(primary.url(), "kenny") as kb:
         lenny.add("(at lenny dock)")

@@ -1,4 +1,4 @@
-"""A server that stops answering is given up by a deadline that the client keeps; one that is only slow is not."""
+"""A server that stops answering is given up at a deadline that the client measures; a slow one is not."""
 
 import os
 import signal
@@ -28,7 +28,7 @@ def within(seconds, ask):
 
 
 def test_a_silent_server_is_given_up(empty_database):
-    """A question and a change are refused when nothing has come for `answer_timeout`; later calls work again."""
+    """A question and a change are refused after `answer_timeout` without an answer; later calls work again."""
     if not server_is_ours(empty_database):
         pytest.skip("the server named by KBSTORE_TEST_POSTGRESQL_URL is not reached by a socket of the file system")
     with pooled(empty_database) as (url, pooler), kbstore.open(f"{url}&answer_timeout=1", busy_timeout=0.5) as kb:
@@ -42,7 +42,7 @@ def test_a_silent_server_is_given_up(empty_database):
 
 
 def test_a_silent_server_is_given_up_on_an_engine_of_the_callers(empty_database, monkeypatch):
-    """The deadline is the connection's for the time of an operation; the engine gets it back without."""
+    """The deadline is set for an operation; the engine gets its connection back without it."""
     if not server_is_ours(empty_database):
         pytest.skip("the server named by KBSTORE_TEST_POSTGRESQL_URL is not reached by a socket of the file system")
     monkeypatch.setattr(server_engine, "_LEAST_PATIENCE", 1.0)
@@ -64,7 +64,7 @@ def test_a_silent_server_is_given_up_on_an_engine_of_the_callers(empty_database,
 
 @contextmanager
 def stopped(url):
-    """The server's processes for a database are stopped meanwhile."""
+    """Stop the server's processes for a database inside the block."""
     with psycopg.connect(url.replace("+psycopg", ""), autocommit=True) as admin:
         pids = [
             row[0]
@@ -84,7 +84,7 @@ def stopped(url):
 
 
 def test_a_process_of_the_server_that_is_stopped(empty_database):
-    """The real thing: the host answers as ever, and the process behind the connection does not."""
+    """With a real server: the host answers, and the process behind the connection does not."""
     if "host" not in sa.make_url(empty_database).query:
         pytest.skip("the server named by KBSTORE_TEST_POSTGRESQL_URL may be on another host")
     with kbstore.open(f"{empty_database}&answer_timeout=1") as kb:
@@ -109,7 +109,7 @@ def test_waiting_for_a_lock_is_not_silence(postgresql_url, name):
 
 
 def test_maintenance_is_waited_for(postgresql_url, name):
-    """Work that takes longer by its nature has no deadline, for the one use that asked for it."""
+    """Operations that take longer by nature have no deadline, for the one use that asked for it."""
     slow = Statement(sa.select(sa.func.pg_sleep(sa.text("1.4"))))
     with kbstore.open(f"{postgresql_url}&answer_timeout=1", name) as kb:
         with kb._database.connect() as connection:
@@ -123,12 +123,12 @@ def test_maintenance_is_waited_for(postgresql_url, name):
     ("query", "busy_timeout", "patience"),
     [("", 30, 30), ("", 2, 5), ("answer_timeout=3", 30, 3), ("answer_timeout=none", 30, None)],
 )
-def test_how_long_a_server_is_waited_for(postgresql_url, query, busy_timeout, patience):
-    """30 s, or what `busy_timeout` or the URL says; the network stack is told the same."""
+def test_the_timeouts_of_a_server(postgresql_url, query, busy_timeout, patience):
+    """30 s, or the value of `busy_timeout` or the URL; the network stack gets the same."""
     engine = make_engine(f"{postgresql_url}&{query}" if query else postgresql_url, busy_timeout=busy_timeout)
     with engine.connect() as connection:
         driver = connection.connection.driver_connection
         assert driver.answer_timeout == patience
-        told = driver.info.get_parameters().get("tcp_user_timeout", "0")
-        assert told == ("0" if patience is None else str(patience * 1000))
+        timeout = driver.info.get_parameters().get("tcp_user_timeout", "0")
+        assert timeout == ("0" if patience is None else str(patience * 1000))
     engine.dispose()

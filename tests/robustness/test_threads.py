@@ -15,7 +15,7 @@ TIMES = 15
 
 
 def together(*acts):
-    """Do several things at once, each in a thread of its own; raises what one of them raises."""
+    """Run several functions at once, each in a thread of its own; raise what one of them raises."""
     with ThreadPoolExecutor(len(acts)) as threads:
         for done in [threads.submit(act) for act in acts]:
             done.result(60)
@@ -36,7 +36,7 @@ def test_no_increment_of_a_thread_is_lost(open_kb):
 
 
 def test_readers_see_whole_transactions(open_kb):
-    """C1: what one transaction does appears at once, in the state as in history, whoever reads meanwhile."""
+    """C1: the changes of a transaction appear at once, in the state and in history, during any read."""
     kb = open_kb()
     kb.add("(= (left) 50)", "(= (right) 50)")
     writing = threading.Event()
@@ -79,7 +79,7 @@ def test_reading_while_another_thread_has_a_transaction_open(tmp_path, postgresq
 
 
 def test_a_store_in_memory_has_one_connection_which_threads_use_in_turn():
-    """In memory a reader waits for another thread's transaction, at most for the busy time-out."""
+    """In memory a reader waits for another thread's transaction, at most for the busy timeout."""
     kb = kbstore.open("sqlite://", busy_timeout=0.2)
     entered, leave = threading.Event(), threading.Event()
 
@@ -102,7 +102,7 @@ def test_a_store_in_memory_has_one_connection_which_threads_use_in_turn():
 
 
 def test_a_transaction_belongs_to_its_thread(open_kb):
-    """Two threads may each have a transaction open: the second waits, and sees what the first did."""
+    """Two threads may each have a transaction open: the second waits, and sees the writes of the first."""
     kb = open_kb()
     kb.add("(= (counter) 0)")
     entered = threading.Event()
@@ -127,7 +127,7 @@ def test_a_transaction_belongs_to_its_thread(open_kb):
 
 
 def test_questions_of_many_threads_about_the_same(open_kb):
-    """Prepared questions and remembered answers are right in every thread, while one thread changes them."""
+    """Prepared questions and cached answers are right in every thread, while one thread changes them."""
     kb = open_kb()
     kb.load("(define (domain d) (:predicates (p) (q)) (:functions (n)))")
     kb.add("(p)", "(= (n) 0)")
@@ -155,7 +155,7 @@ def test_questions_of_many_threads_about_the_same(open_kb):
 # -- closing --------------------------------------------------------------------------------------------------------
 
 
-def test_what_is_asked_after_closing_is_refused(open_kb):
+def test_every_call_after_closing_is_refused(open_kb):
     """After `close` every question and change is `StoreUnavailable`, in every thread; closing again does nothing."""
     kb = open_kb()
     kb.add("(raining)")
@@ -169,7 +169,7 @@ def test_what_is_asked_after_closing_is_refused(open_kb):
 
 
 def test_closing_while_another_thread_has_a_transaction_open(open_kb):
-    """A transaction that is under way when another thread closes is stored whole; the next is refused."""
+    """A transaction in progress when another thread closes is stored whole; the next is refused."""
     kb = open_kb()
     again = None
     entered, closed = threading.Event(), threading.Event()
@@ -230,8 +230,8 @@ def test_closing_while_other_threads_ask(open_kb):
     [lambda kb: kb.holds("(raining)"), lambda kb: kb._database.first(queries.knowledge_base_names, {})],
     ids=["from memory", "of the store"],
 )
-def test_closing_just_when_another_thread_is_done(tmp_path, ask):
-    """A connection that its thread is about to let go of, when another closes, is closed by the one or the other."""
+def test_closing_while_another_thread_releases_its_connection(tmp_path, ask):
+    """A connection that its thread is about to release, when another closes, is closed by one of them."""
     kb = kbstore.open(tmp_path / "store.db")
     kb.add("(raining)")
     assert kb.holds("(raining)")
@@ -239,7 +239,7 @@ def test_closing_just_when_another_thread_is_done(tmp_path, ask):
     kb._database.checkin(session)
 
     class Lock:
-        """The session's lock, which is let go of only after another thread has closed."""
+        """The session's lock, which is released only after another thread has closed."""
 
         def __init__(self, lock):
             self._lock = lock
@@ -257,7 +257,7 @@ def test_closing_just_when_another_thread_is_done(tmp_path, ask):
 
 
 def test_leaving_a_transaction_in_which_the_knowledge_base_was_closed(open_kb):
-    """Closing within one's own transaction lets it end as it would have, and then closes."""
+    """Closing within one's own transaction lets it end normally, and then closes."""
     kb = open_kb()
     with kb.transaction() as transaction:
         transaction.add("(raining)")

@@ -1,7 +1,7 @@
-"""A store that goes back under a running process: a backup is restored, a file copied back, a standby takes over.
+"""A store that goes back under a running process: a restored backup, a file copied back, a promoted standby.
 
-Numbers of timelines, versions and transactions then mean something else. No answer and no write may go by a number
-that was remembered; and who had transactions acknowledged that are lost is told once.
+Numbers of timelines, versions and transactions then mean something else. No answer and no write may use a cached
+number; and a process that lost acknowledged transactions gets one error.
 """
 
 import shutil
@@ -26,7 +26,7 @@ OTHER = "(define (domain rooms) (:types room) (:predicates (tidy ?p - room) (cle
 
 
 class Restorable:
-    """A store that can be saved and restored under those that use it."""
+    """A store that can be saved, and restored under its users."""
 
     def __init__(self, url, save, restore):
         self.url = url
@@ -36,7 +36,7 @@ class Restorable:
 
 @pytest.fixture
 def sqlite_store(tmp_path):
-    """An SQLite file, restored by the backup API: the same file, other content."""
+    """An SQLite file, restored by the backup API: the same file with other content."""
 
     def copy(source, target):
         first, second = sqlite3.connect(source), sqlite3.connect(target)
@@ -50,7 +50,7 @@ def sqlite_store(tmp_path):
 
 @pytest.fixture
 def postgresql_store(postgresql_url):
-    """A database, dropped and made anew from a copy, as pg_restore and a fail-over do."""
+    """A database, dropped and created again from a copy, as by pg_restore and a fail-over."""
     server = sa.make_url(postgresql_url)
     name = f"back_{uuid.uuid4().hex[:8]}"
     saved = f"{name}_saved"
@@ -79,7 +79,7 @@ def store(request):
 
 @pytest.fixture
 def opened():
-    """Opens knowledge bases, and closes them after the test."""
+    """Open knowledge bases, and close them after the test."""
     bases = []
 
     def opening(*arguments, **options):
@@ -92,7 +92,7 @@ def opened():
 
 
 def until_connected(ask):
-    """What is answered once a connection that a restore has cut is told of."""
+    """The answer after the error of a connection that a restore has cut."""
     try:
         return ask()
     except StoreUnavailable:
@@ -105,7 +105,7 @@ def rooms(letter):
 
 @pytest.fixture
 def lost(store, opened):
-    """A process whose last two transactions are gone, and whose timelines have the numbers of another's now."""
+    """A process whose last two transactions are lost, and whose timeline numbers now mean other timelines."""
     kb = opened(store.url, "kenny")
     kb.load(DOMAIN)
     kb.add("hall - room")
@@ -121,8 +121,8 @@ def lost(store, opened):
     return kb, other
 
 
-def test_who_lost_transactions_is_told_once(lost):
-    """The first question or transaction is `StoreWentBack`, with both numbers; the next takes the store as it is."""
+def test_lost_transactions_are_reported_once(lost):
+    """The first question or transaction is `StoreWentBack`, with both numbers; the next uses the store as it is."""
     kb, other = lost
     with pytest.raises(StoreWentBack, match=r"kenny was at transaction 4, and has another transaction 4"):
         until_connected(lambda: kb.holds("(clean r5)"))
@@ -132,8 +132,8 @@ def test_who_lost_transactions_is_told_once(lost):
     assert other.holds("(clean hall)")
 
 
-def test_what_was_remembered_since_an_own_transaction_is_not_answered(store, opened):
-    """Back to the last transaction that a connection had seen of others, what came after it is forgotten, too."""
+def test_answers_cached_since_an_own_transaction_are_dropped(store, opened):
+    """Back at the last transaction of others that a connection had seen, later cached answers are dropped, too."""
     kb, another = opened(store.url, "kenny"), opened(store.url, "lucy")
     kb.add("(clean hall)")
     assert kb.holds("(clean hall)")
@@ -148,8 +148,8 @@ def test_what_was_remembered_since_an_own_transaction_is_not_answered(store, ope
     assert kb.holds("(clean hall)")
 
 
-def test_the_last_of_two_threads_is_what_may_be_lost():
-    """A thread that committed first, and is late to say so, does not make the other's transaction be forgotten."""
+def test_the_later_transaction_of_two_threads_is_checked():
+    """A thread that committed first, and reports it late, does not hide the other's lost transaction."""
     memory = StoreMemory("kenny")
     tokens = {5: 105, 6: 106}
     for number in (6, 5):
@@ -158,8 +158,8 @@ def test_the_last_of_two_threads_is_what_may_be_lost():
         memory.look(memory.progress.seen, Mark(5, 105), tokens.get)
 
 
-def test_nothing_is_written_by_a_number_that_was_remembered(lost):
-    """What is removed is what was meant, or nothing: not what has its number now."""
+def test_nothing_is_written_by_a_cached_number(lost):
+    """A removal ends the timeline that was meant, or nothing: not the one that has its number now."""
     kb, other = lost
     with pytest.raises(StoreWentBack):
         until_connected(lambda: kb.remove("(clean r5)"))
@@ -182,8 +182,8 @@ def test_nothing_is_written_by_a_number_that_was_remembered(lost):
     ],
     ids=["point", "condition", "state", "history", "changes", "when", "explain", "pddl", "transaction"],
 )
-def test_every_way_in_tells(lost, ask):
-    """Whatever is asked or done first, it is told before anything is answered or written."""
+def test_every_method_raises_store_went_back_first(lost, ask):
+    """The first call of any method raises, before anything is answered or written."""
     kb, other = lost
     with pytest.raises(StoreWentBack):
         until_connected(lambda: ask(kb))
@@ -191,8 +191,8 @@ def test_every_way_in_tells(lost, ask):
     assert {str(fact) for fact in kb.state().facts} == {f"(clean q{n})" for n in range(20)}
 
 
-def test_who_only_read_is_not_told_but_answered_right(store, opened):
-    """A process that lost nothing of its own goes on, with nothing that it remembers from before."""
+def test_a_reader_gets_right_answers_without_an_error(store, opened):
+    """A process that lost nothing of its own works on, without any earlier cached answer."""
     writer, reader = opened(store.url, "kenny"), opened(store.url, "kenny")
     writer.load(DOMAIN)
     store.save()
@@ -214,8 +214,8 @@ def test_who_only_read_is_not_told_but_answered_right(store, opened):
     assert [n for n in range(20) if not other.holds(f"(clean q{n})")] == [5]
 
 
-def test_more_was_written_since_than_was_lost(lost):
-    """A number that is higher than before does not hide it: the token of the last seen transaction is asked for."""
+def test_a_loss_is_noticed_after_more_writes_than_were_lost(lost):
+    """A number higher than before does not hide the loss: the token of the last seen transaction is compared."""
     kb, other = lost
     for n in range(5):
         other.add(f"(= (dust q{n}) 1)")
@@ -224,8 +224,8 @@ def test_more_was_written_since_than_was_lost(lost):
     assert kb.value("(dust q1)") == 1
 
 
-def test_a_store_that_only_went_on_is_not_back(store, opened):
-    """Transactions of others are no reason to forget: nobody is told, and nothing is lost."""
+def test_a_store_with_new_transactions_did_not_go_back(store, opened):
+    """Transactions of others drop no cached answer, raise no error, and lose nothing."""
     kb, other = opened(store.url, "kenny"), opened(store.url, "kenny")
     kb.load(DOMAIN)
     kb.add("hall - room", "(clean hall)")
@@ -238,7 +238,7 @@ def test_a_store_that_only_went_on_is_not_back(store, opened):
 
 
 def test_readers_and_writers_in_threads_raise_no_false_alarm(store, opened):
-    """A snapshot that is older than what another thread has written since is not an earlier store."""
+    """A snapshot that is older than another thread's write is not an earlier store."""
     kb = opened(store.url, "kenny")
     kb.load(DOMAIN)
     kb.add("hall - room")
@@ -264,8 +264,8 @@ def test_readers_and_writers_in_threads_raise_no_false_alarm(store, opened):
     assert not kb._reader.memory.progress.returns
 
 
-def test_a_follower_is_told(lost):
-    """Q6: who follows changes would miss those that have the numbers of others now; it is told with both numbers."""
+def test_a_follower_gets_the_error(lost):
+    """Q6: a follower would miss changes that have reused numbers; the error has both numbers."""
     kb, other = lost
     with pytest.raises(StoreWentBack):
         until_connected(lambda: list(kb.watch(after=4, timeout=0)))
@@ -274,8 +274,8 @@ def test_a_follower_is_told(lost):
     assert [change.number for change in other.changes(after=2)] == [3, 4]
 
 
-def test_a_watch_under_way_is_told(store, opened):
-    """A watch that waits raises at its next look, and does not go on with the numbers of before."""
+def test_a_waiting_watch_gets_the_error(store, opened):
+    """A waiting watch raises at its next poll, and does not continue with the earlier numbers."""
     kb, reader = opened(store.url, "kenny"), opened(store.url, "kenny")
     kb.load(DOMAIN)
     kb.add("hall - room")
@@ -290,8 +290,8 @@ def test_a_watch_under_way_is_told(store, opened):
         next(watching)
 
 
-def test_who_is_notified_is_told(postgresql_store, opened):
-    """With notifications nothing remembered outlives the store."""
+def test_a_listener_gets_the_error(postgresql_store, opened):
+    """With notifications no cached answer outlives the store."""
     kb = opened(postgresql_store.url, "kenny", notifications=True)
     kb.load(DOMAIN)
     kb.add("hall - room")
@@ -311,8 +311,8 @@ def test_who_is_notified_is_told(postgresql_store, opened):
     assert not kb.holds("(clean hall)")
 
 
-def test_a_knowledge_base_that_is_not_there_any_more(store, opened):
-    """Where the store goes back to before it was made, it is said so, and its number is not taken for another's."""
+def test_a_knowledge_base_that_is_gone(store, opened):
+    """Where the store goes back to before its creation, the error says so, and its number is not another's."""
     first = opened(store.url, "kenny")
     first.load(DOMAIN)
     store.save()
@@ -329,8 +329,8 @@ def test_a_knowledge_base_that_is_not_there_any_more(store, opened):
     assert [str(item) for item in third.instances()] == ["cellar - room"]
 
 
-def test_a_file_that_was_copied_back(tmp_path, opened):
-    """The same file with other bytes: what a new connection finds is compared, too."""
+def test_a_file_copied_back_is_noticed(tmp_path, opened):
+    """The same file with other bytes: a new connection compares them, too."""
     path, saved = tmp_path / "store.db", tmp_path / "saved.db"
     kb = opened(path, "kenny")
 
@@ -366,8 +366,8 @@ def test_a_file_that_was_copied_back(tmp_path, opened):
     assert in_a_thread(lambda: len(kb.state().facts)) == 20
 
 
-def test_a_file_that_was_made_anew_is_told_to_readers(tmp_path, opened):
-    """Nothing is answered from a file that was deleted: it is said that another one is in its place."""
+def test_readers_notice_a_recreated_file(tmp_path, opened):
+    """No answer comes from a deleted file: the error says that another file is in its place."""
     path = tmp_path / "store.db"
     kb = opened(path, "kenny")
     kb.add("a - thing", "(p a)")
@@ -383,15 +383,15 @@ def test_a_file_that_was_made_anew_is_told_to_readers(tmp_path, opened):
 
 
 def in_another_thread(work):
-    """Do something in another thread, to its end; what it gives, or raises."""
+    """Run a function in another thread, to its end; return its result, or raise its error."""
     with ThreadPoolExecutor(1) as pool:
         return pool.submit(work).result()
 
 
-def test_who_read_before_a_restore_puts_nothing_into_emptied_caches(sqlite_store, monkeypatch):
-    """A thread that read a past state before a restore, and caches it after another has noticed: nobody is told it.
+def test_reads_from_before_a_restore_are_not_cached_after_it(sqlite_store, monkeypatch):
+    """A past state read before a restore, and cached after another thread has noticed, is not used.
 
-    The same of a domain, and of the number of a timeline: each belongs to the generation in which it was read.
+    The same holds for a domain, and for the number of a timeline: each belongs to the generation in which it was read.
     """
     clock = kbstore.ManualClock(100)
     with kbstore.open(sqlite_store.url, "kenny", clock=clock) as kb:
@@ -430,8 +430,8 @@ def test_who_read_before_a_restore_puts_nothing_into_emptied_caches(sqlite_store
         assert "tidy" not in after.domain.predicates
 
 
-def test_a_domain_that_was_read_before_a_restore_is_nobody_elses(sqlite_store):
-    """A thread that began before a restore reads its versions for itself: what others have read since then stays."""
+def test_a_domain_read_before_a_restore_is_not_shared(sqlite_store):
+    """A thread that began before a restore reads its versions for itself; those that others have read since stay."""
     with kbstore.open(sqlite_store.url, "kenny", clock=kbstore.ManualClock(100)) as kb:
         kb.load(DOMAIN)
         sqlite_store.save()
