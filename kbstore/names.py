@@ -25,6 +25,15 @@ def key(name: str) -> str:
     return name.lower()
 
 
+def bracketed(name: str, *arguments: str) -> str:
+    """Return a symbol with its arguments in PDDL.
+
+    >>> bracketed("robot_at", "kenny", "hall")
+    '(robot_at kenny hall)'
+    """
+    return f"({' '.join((name, *arguments))})"
+
+
 class NameMapping(Mapping[str, _Value]):
     """A read-only mapping by name: found in any case, listed in order and as written.
 

@@ -30,7 +30,7 @@ from kbstore.errors import NotApplicable
 from kbstore.knowledge_base import KnowledgeBase
 from kbstore.model.plain import each, plain
 from kbstore.model.results import Run
-from kbstore.names import key
+from kbstore.names import bracketed, key
 from kbstore.report import records
 
 
@@ -184,7 +184,7 @@ def _running(kb: KnowledgeBase, operator: str, arguments: list[str] | None) -> R
     if wanted:
         running = [run for run in running if [key(name) for name in run.arguments] == wanted]
     if not running:
-        raise NotApplicable(f"({' '.join((operator, *(arguments or [])))}) is not running; see kbstore state")
+        raise NotApplicable(f"{bracketed(operator, *(arguments or ()))} is not running; see kbstore state")
     if len(running) > 1:
         raise NotApplicable(
             f"which {operator}? {', '.join(run.action for run in running)} are running; give the arguments"

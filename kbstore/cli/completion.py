@@ -8,6 +8,7 @@ import typer
 import kbstore
 from kbstore.errors import KbStoreError
 from kbstore.knowledge_base import KnowledgeBase
+from kbstore.names import bracketed
 from kbstore.reading.state import State
 
 
@@ -49,7 +50,7 @@ def patterns(ctx: typer.Context) -> list[str]:
         if state is None or state.domain is None:
             return []
         signatures = (*state.domain.predicate_signatures.values(), *state.domain.function_signatures.values())
-        return [f"({' '.join((signature.name, *('?' for _ in signature.parameters)))})" for signature in signatures]
+        return [bracketed(signature.name, *("?" for _ in signature.parameters)) for signature in signatures]
 
 
 @contextmanager

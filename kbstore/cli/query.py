@@ -13,6 +13,7 @@ from kbstore.clock import SECOND, isoformat
 from kbstore.errors import InvalidKnowledge
 from kbstore.messages import Truth, format_number
 from kbstore.model.plain import times
+from kbstore.names import bracketed
 from kbstore.report import records, states
 from kbstore.report.selection import Part, select
 from kbstore.report.time_format import TimeFormat
@@ -232,7 +233,7 @@ def applicable(
     with reading(url, kb, now) as found:
         names = arguments or []
         judged = found.applicable(operator, *names, at=at_time(at, found))
-        action = f"({' '.join((operator, *names))})"
+        action = bracketed(operator, *names)
         answer(
             judged,
             as_json=as_json,

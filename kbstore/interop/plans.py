@@ -13,7 +13,7 @@ from kbstore.errors import InvalidKnowledge, NotApplicable
 from kbstore.interop.up_symbols import library
 from kbstore.messages.base import format_number
 from kbstore.model.results import Run
-from kbstore.names import key
+from kbstore.names import bracketed, key
 
 ROUNDING = 2
 """Nanoseconds by which two times of a plan may differ although they are meant to be the same."""
@@ -46,7 +46,7 @@ class Step:
 
     def __str__(self) -> str:
         when = "" if self.at is None else f"{format_number(self.at / SECOND)}: "
-        return f"{when}{self.happening.value} ({' '.join((self.operator, *self.arguments))})"
+        return f"{when}{self.happening.value} {bracketed(self.operator, *self.arguments)}"
 
     @property
     def action(self) -> tuple[str, ...]:

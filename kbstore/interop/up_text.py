@@ -6,7 +6,7 @@ from typing import Any
 
 from kbstore.errors import InvalidKnowledge
 from kbstore.messages.base import format_number
-from kbstore.names import check
+from kbstore.names import bracketed, check
 
 _WORDS = {
     "AND": "and",
@@ -38,7 +38,7 @@ def expression_text(node: Any) -> str:
         case "INT_CONSTANT" | "REAL_CONSTANT":
             return number_text(Fraction(node.constant_value()))
         case "FLUENT_EXP":
-            return f"({' '.join((name_of(node.fluent()), *map(expression_text, node.args)))})"
+            return bracketed(name_of(node.fluent()), *map(expression_text, node.args))
         case "OBJECT_EXP":
             return name_of(node.object())
         case "PARAM_EXP":
@@ -54,7 +54,7 @@ def expression_text(node: Any) -> str:
             raise InvalidKnowledge(f"{node}: PDDL has no = between conditions; use Iff")
     if kind not in _WORDS:
         raise InvalidKnowledge(f"{node}: PDDL has no words for {kind.lower().replace('_', ' ')}")
-    return f"({' '.join((_WORDS[kind], *map(expression_text, node.args)))})"
+    return bracketed(_WORDS[kind], *map(expression_text, node.args))
 
 
 def number_text(number: Fraction) -> str:

@@ -9,6 +9,7 @@ from pydantic import BeforeValidator, model_validator
 from kbstore.errors import InvalidKnowledge
 from kbstore.messages.base import Message, as_list, format_number
 from kbstore.messages.enums import AssignOp, ComparisonType, ExprType, Operator, SpecialType
+from kbstore.names import bracketed
 
 
 class KeyValue(Message):
@@ -74,7 +75,7 @@ class DomainFormula(Message):
 
     def __str__(self) -> str:
         """A grounded formula in PDDL."""
-        return f"({' '.join([self.name, *(p.value for p in self.typed_parameters)])})"
+        return bracketed(self.name, *(p.value for p in self.typed_parameters))
 
     def __repr_args__(self) -> Iterable[tuple[str | None, Any]]:
         labelled = {parameter.key: parameter.value for parameter in self.typed_parameters}
@@ -84,7 +85,7 @@ class DomainFormula(Message):
     def declaration(self) -> str:
         """An ungrounded formula in PDDL, for instance ``(robot_at ?r - robot ?wp - waypoint)``."""
         parameters = (f"?{p.key} - {p.value}" for p in self.typed_parameters)
-        return f"({' '.join([self.name, *parameters])})"
+        return bracketed(self.name, *parameters)
 
 
 class ExprBase(Message):

@@ -11,7 +11,7 @@ from kbstore.errors import InvalidKnowledge
 from kbstore.messages.base import Message, format_number, lazy, typed_error
 from kbstore.messages.enums import AssignOp, KnowledgeType
 from kbstore.messages.formulas import DomainInequality, ExprComposite, KeyValue, Values
-from kbstore.names import key
+from kbstore.names import bracketed, key
 
 ValuesLike = Mapping[str, str] | Iterable[str | KeyValue]
 """Arguments as callers may give them: objects by label, labelled values, or names in order."""
@@ -91,7 +91,7 @@ class _Attribute(_Item):
     @property
     def text(self) -> str:
         """The atom in PDDL, for instance ``(robot_at kenny wp0)``."""
-        return f"({' '.join((self.attribute_name, *self.arguments))})"
+        return bracketed(self.attribute_name, *self.arguments)
 
 
 class Fact(_Attribute):

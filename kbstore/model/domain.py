@@ -8,7 +8,7 @@ from typing import Self, TypeVar
 from kbstore.errors import InvalidKnowledge, UnknownSymbol, one_line
 from kbstore.model.actions import Action
 from kbstore.model.formulas import Formula, Parameter, symbols_in
-from kbstore.names import NameMapping, key
+from kbstore.names import NameMapping, bracketed, key
 
 _Symbol = TypeVar("_Symbol")
 
@@ -30,7 +30,7 @@ class Signature:
 
     def __str__(self) -> str:
         """Return the declaration in PDDL, for instance ``(robot_at ?r - robot ?wp - waypoint)``."""
-        return f"({' '.join((self.name, *(f'?{p.name} - {p.type_text}' for p in self.parameters)))})"
+        return bracketed(self.name, *(f"?{p.name} - {p.type_text}" for p in self.parameters))
 
 
 @dataclass(frozen=True)

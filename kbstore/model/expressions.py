@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from kbstore.messages.enums import Operator, SpecialType
+from kbstore.names import bracketed
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,7 +19,7 @@ class Atom:
     arguments: tuple[str, ...] = ()
 
     def __str__(self) -> str:
-        return f"({' '.join((self.name, *self.arguments))})"
+        return bracketed(self.name, *self.arguments)
 
 
 Token = float | Atom | Operator | SpecialType

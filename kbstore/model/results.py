@@ -12,6 +12,7 @@ from kbstore.messages import Condition, Expression, Function, Goal, KnowledgeIte
 from kbstore.model.html import table
 from kbstore.model.pictures import Look, comparison
 from kbstore.model.plain import Data, Result, times
+from kbstore.names import bracketed
 
 
 @dataclass(frozen=True, slots=True)
@@ -240,7 +241,7 @@ class Run(Result):
     @property
     def action(self) -> str:
         """The action in PDDL: ``(goto_waypoint kenny wp0 wp7)``."""
-        return f"({' '.join((self.operator, *self.arguments))})"
+        return bracketed(self.operator, *self.arguments)
 
     @property
     def seconds(self) -> float:

@@ -12,7 +12,7 @@ from kbstore.model.actions import Action
 from kbstore.model.domain import Domain
 from kbstore.model.formulas import And, Atom, Forall, Formula, Parameter, Preference, Timing, Truism
 from kbstore.model.symbols import arity_problem
-from kbstore.names import key
+from kbstore.names import bracketed, key
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class GroundAction:
     bindings: Mapping[str, str]
 
     def __str__(self) -> str:
-        return f"({' '.join((self.action.name, *self.arguments))})"
+        return bracketed(self.action.name, *self.arguments)
 
     @cached_property
     def spellings(self) -> Mapping[str, str]:
@@ -56,7 +56,7 @@ def ground(domain: Domain, name: str, arguments: tuple[str, ...], world: Interpr
     action = domain.action(name)
     for fluent in domain.object_fluents.keys() & action.symbols if domain.object_fluents else ():
         raise InvalidKnowledge(f"the operator {action.name} cannot be applied: {domain.uncomputed[fluent]}")
-    given = f"({' '.join((action.name, *arguments))})"
+    given = bracketed(action.name, *arguments)
     wrong = arity_problem(Atom(action.name, arguments), action)
     violations = [wrong] if wrong else []
     for argument, parameter in zip(arguments, action.parameters, strict=False):

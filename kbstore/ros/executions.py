@@ -12,7 +12,7 @@ from kbstore.clock import duration as nanoseconds
 from kbstore.clock import time as stamp_time
 from kbstore.knowledge_base import KnowledgeBase
 from kbstore.model.results import Run
-from kbstore.names import key
+from kbstore.names import bracketed, key
 from kbstore.reading.state import State
 from kbstore.writing.unit_of_work import OpenTransaction
 
@@ -80,7 +80,7 @@ class Executions:
         if message.type not in (CONFIRM, FINISH, CANCEL):
             return
         words = self._action(message)
-        text = f"({' '.join(words)})"
+        text = bracketed(*words)
         if message.type == CONFIRM:
             if _running(self._kb.state(), words) is None:
                 self._start(words, f"{text} confirmed to {message.node_id}")
@@ -106,7 +106,7 @@ class Executions:
         number = self._runs.get((name, start))
         is_same_clock = abs(time - start) < SAME_CLOCK
         earliest = max(0, start - SLACK) if is_same_clock else self._kb.history_from
-        found = self._kb.runs(f"({' '.join(words)})", since=earliest)
+        found = self._kb.runs(bracketed(*words), since=earliest)
         if number is not None:
             return next((run for run in found if run.number == number), None)
         taken = set(self._runs.values())

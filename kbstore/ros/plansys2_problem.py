@@ -12,7 +12,7 @@ from kbstore.knowledge_base import KnowledgeBase
 from kbstore.messages import Fact, Function, Instance, KnowledgeType
 from kbstore.model.domain import ROOT_TYPE
 from kbstore.model.expressions import Atom
-from kbstore.names import is_wildcard, key
+from kbstore.names import bracketed, is_wildcard, key
 from kbstore.pddl.parse import condition_of
 from kbstore.pddl.problem_reader import read_problem
 from kbstore.reading.state import State
@@ -296,4 +296,4 @@ def _true_atoms(state: State) -> list[Atom]:
 
 
 def _text(name: str, arguments: tuple[str, ...]) -> str:
-    return f"({' '.join((key(name), *arguments))})"
+    return bracketed(key(name), *arguments)

@@ -14,7 +14,7 @@ from kbstore.messages import Condition, Expression, Fact, Function, KnowledgeTyp
 from kbstore.messages.gc_pause import gc_paused
 from kbstore.model.results import Transaction
 from kbstore.model.symbols import SymbolTable
-from kbstore.names import key
+from kbstore.names import bracketed, key
 from kbstore.reading.state import State
 from kbstore.ros.ros1_messages import Make, stamp, to_ros
 
@@ -242,7 +242,7 @@ def _oneof_problem(items: list[Any], state: State) -> str:
         if not isinstance(item, Fact):
             raise InvalidKnowledge(f"{item} cannot be one of several facts; a oneof constraint is about facts")
         name, arguments = symbols.ordered(KnowledgeType.FACT, item.attribute_name, item.arguments, item.labels)
-        atom = f"({' '.join((name, *arguments))})"
+        atom = bracketed(name, *arguments)
         atoms.append(f"(not {atom})" if item.is_negative else atom)
         named.update(map(key, arguments))
     declared = [str(item) for item in state.instances if key(item.instance_name) in named]

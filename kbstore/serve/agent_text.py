@@ -12,6 +12,7 @@ from kbstore.evaluation.intervals import Intervals
 from kbstore.messages import Condition, Fact, Function, Instance, KnowledgeItem, format_number
 from kbstore.model.domain import Domain, Signature
 from kbstore.model.results import Applicability, Assertion, Diff, Explanation, Run, Transaction
+from kbstore.names import bracketed
 from kbstore.reading.state import State
 from kbstore.report.selection import Selection
 from kbstore.report.tables import plural, printable
@@ -206,7 +207,7 @@ def _spaced(texts: Iterable[str]) -> Iterator[str]:
 def _pattern(item: KnowledgeItem) -> str:
     """Return a pattern that matches an item and others of its predicate, function or type."""
     if isinstance(item, Fact | Function):
-        return f"({' '.join((item.attribute_name, *'?' * len(item.arguments)))})"
+        return bracketed(item.attribute_name, *"?" * len(item.arguments))
     return f"? - {item.instance_type}" if isinstance(item, Instance) else str(item)
 
 

@@ -19,6 +19,7 @@ from pydantic import Field, ValidationError
 from kbstore.errors import KbStoreError, UnknownSymbol
 from kbstore.knowledge_base import KnowledgeBase
 from kbstore.model.results import AsOf
+from kbstore.names import bracketed
 from kbstore.report.belief import named_transaction
 from kbstore.report.selection import Part, select
 from kbstore.report.tables import printable
@@ -222,7 +223,7 @@ class AgentTools:
     ) -> str:
         """Whether an action can be applied at a time, and if not, which conditions fail since when."""
         names = arguments or []
-        action = f"({' '.join((operator, *names))})"
+        action = bracketed(operator, *names)
         return agent_text.applicability_text(action, self._kb.applicable(operator, *names, at=at))
 
     def add(

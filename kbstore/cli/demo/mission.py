@@ -11,6 +11,7 @@ import kbstore
 from kbstore.clock import ManualClock, seconds
 from kbstore.knowledge_base import KnowledgeBase
 from kbstore.model.results import Run
+from kbstore.names import bracketed
 
 DOMAIN = Path(__file__).with_name("domain.pddl")
 PROBLEM = Path(__file__).with_name("problem.pddl")
@@ -105,7 +106,7 @@ class Mission:
         self._end(run)
 
     def _start(self, operator: str, *arguments: str, duration: int | None = None) -> Run:
-        note = f"start ({' '.join((operator, *arguments))})"
+        note = f"start {bracketed(operator, *arguments)}"
         return self._kb.start(operator, *arguments, duration=duration, client="mission", note=note)
 
     def _end(self, run: Run) -> None:

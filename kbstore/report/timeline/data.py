@@ -20,7 +20,7 @@ from kbstore.errors import KbStoreError
 from kbstore.messages import Function, Instance, KnowledgeType
 from kbstore.model.results import Assertion, Change, Run, Transaction
 from kbstore.model.timelines import Timeline, Value
-from kbstore.names import key
+from kbstore.names import bracketed, key
 from kbstore.reading.state import State
 from kbstore.report.timeline.lanes import Lanes
 
@@ -149,7 +149,7 @@ class _Collector:
             return
         numbers = [found for found, _ in self._asserted if isinstance(found.item, Function) and not found.is_goal]
         known = set(map(_identity, numbers))
-        patterns = {f"({' '.join((key(f.attribute_name), *'?' * len(f.arguments)))})" for f in map(_function, numbers)}
+        patterns = {bracketed(key(f.attribute_name), *"?" * len(f.arguments)) for f in map(_function, numbers)}
         for pattern in sorted(patterns):
             found = self._kb.history(pattern, self._first if self._base else None)
             yield from ((f, f.recorded.number) for f in found if _identity(f) not in known)

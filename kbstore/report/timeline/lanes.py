@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from kbstore.messages import Fact, Function, Instance, KnowledgeType
 from kbstore.model.results import Assertion, Run
 from kbstore.model.timelines import Role, Timeline
-from kbstore.names import key, matches
+from kbstore.names import bracketed, key, matches
 
 KINDS = ("run", "goal", "fact", "number", "object", "other")
 """The kinds of groups of lanes, in the order in which they are shown."""
@@ -44,7 +44,7 @@ class Lanes:
     def of_run(self, run: Run) -> int | None:
         """Return the lane of a run; None if no pattern asks for it."""
         words = (run.operator, *run.arguments)
-        return self._lane("run", "actions", f"({' '.join(words)})", words)
+        return self._lane("run", "actions", bracketed(*words), words)
 
     def of_timeline(self, timeline: Timeline) -> int | None:
         """Return the lane of an atom or object of the state; None for anything else, or if no pattern asks for it."""
