@@ -14,7 +14,7 @@ ROWS = dict.fromkeys(("functions", "instances", "expressions", "inequalities"), 
 
 @pytest.fixture(scope="module")
 def long_sqlite(tmp_path_factory):
-    """A connection of the driver to an SQLite file with a long history; SQLite knows nothing of it yet."""
+    """A connection of the driver to an SQLite file with a long history, without statistics."""
     engine = make_engine(tmp_path_factory.mktemp("plans") / "long.db")
     schema.ensure(engine, read_only=False)
     with engine.begin() as connection:
@@ -25,7 +25,7 @@ def long_sqlite(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def long_postgresql(postgresql_url):
-    """A connection of the driver to a schema of its own on PostgreSQL, with a long history that it has analysed."""
+    """A connection of the driver to a schema on PostgreSQL, with a long history that it has analysed."""
     with _schema(postgresql_url, "plans_long") as engine:
         with engine.begin() as connection:
             stores.fill(connection, ROWS)
@@ -36,7 +36,7 @@ def long_postgresql(postgresql_url):
 
 @pytest.fixture(scope="module")
 def young_postgresql(postgresql_url):
-    """A connection of the driver to an empty store on PostgreSQL, of which nothing is known yet."""
+    """A connection of the driver to an empty store on PostgreSQL, without statistics."""
     with (
         _schema(postgresql_url, "plans_young") as engine,
         engine.connect().execution_options(isolation_level="AUTOCOMMIT") as connection,
@@ -46,7 +46,7 @@ def young_postgresql(postgresql_url):
 
 @contextmanager
 def _schema(url, name):
-    """An engine on a store in a schema of its own in a PostgreSQL database, for a while."""
+    """An engine on a store in a schema of its own in a PostgreSQL database, inside the block."""
     admin = sa.create_engine(url, isolation_level="AUTOCOMMIT")
     with admin.connect() as connection:
         connection.exec_driver_sql(f"CREATE SCHEMA {name}")

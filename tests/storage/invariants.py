@@ -1,4 +1,4 @@
-"""What is always so in the tables of a store, whatever has been done: read by plain SQL, computed anew."""
+"""The invariants of the tables of a store: read by plain SQL, and computed independently."""
 
 from itertools import pairwise
 
@@ -16,7 +16,7 @@ CANCELLED, SUPERSEDED, EMPTIED, SETTLED, CUT_SHORT = range(1, 6)
 
 
 def node(start, end):
-    """Where the interval tree keeps an interval: the shared leading bits of its two ends, a one, and zeros."""
+    """The node of the interval tree for an interval: the shared leading bits of its two ends, a one, and zeros."""
     if end in (OPEN, start):
         return None
     first, last = format(start + 1, "063b"), format(end, "063b")
@@ -25,7 +25,10 @@ def node(start, end):
 
 
 def level(start, end):
-    """How many zeros its node ends with: all that a row keeps of it. What is open or empty has a level of its own."""
+    """The number of zeros at the end of its node, which is all that a row stores of it.
+
+    Open and empty intervals have levels of their own.
+    """
     where = node(start, end)
     if where is None:
         return OPEN_LEVEL if end == OPEN else EMPTY_LEVEL
@@ -48,7 +51,7 @@ class Row:
 
 
 def violations(execute, kb):
-    """What is wrong in the tables of one knowledge base; `execute` runs SQL and gives the rows."""
+    """The violated invariants in the tables of one knowledge base; `execute` runs SQL and returns the rows."""
     found = []
 
     def expect(condition, *what):
@@ -57,17 +60,17 @@ def violations(execute, kb):
 
     columns = "last_number, last_time, last_token, last_timeline, present"
     number, latest, token, last_timeline, present = execute(f"SELECT {columns} FROM heads WHERE kb_id = {kb}")[0]
-    told = execute(f"SELECT number, recorded_time, token, last_timeline FROM transactions WHERE kb_id = {kb}")
+    transactions = execute(f"SELECT number, recorded_time, token, last_timeline FROM transactions WHERE kb_id = {kb}")
     late = dict(execute(f"SELECT number, late_from FROM transactions WHERE kb_id = {kb} AND late_from IS NOT NULL"))
     last_late = execute(f"SELECT last_late FROM heads WHERE kb_id = {kb}")[0][0]
     expect(last_late == max(late, default=0), "the head does not know of the last late knowledge")
-    times = {row[0]: row[1] for row in told}
+    times = {row[0]: row[1] for row in transactions}
     expect(sorted(times) == list(range(1, number + 1)), "numbers have gaps:", sorted(times), "last", number)
     expect(all(times[a] <= times[b] for a, b in pairwise(sorted(times))), "time runs backwards")
     expect(times.get(number, 0) == latest, "the head is not at the last transaction's time")
-    if told:
-        expect(max(told)[2:] == (token, last_timeline), "the head is not that of the last transaction")
-    expect(len({row[2] for row in told}) == len(told), "tokens are not random")
+    if transactions:
+        expect(max(transactions)[2:] == (token, last_timeline), "the head is not that of the last transaction")
+    expect(len({row[2] for row in transactions}) == len(transactions), "tokens are not random")
     ids = sorted(row[0] for row in execute(f"SELECT id FROM timelines WHERE kb_id = {kb}"))
     expect(ids == list(range(1, last_timeline + 1)), "timelines have gaps", ids, "last", last_timeline)
     timelines = {
@@ -75,7 +78,7 @@ def violations(execute, kb):
     }
     mentions = set(execute(f"SELECT object_id, timeline_id FROM mentions WHERE kb_id = {kb}"))
     objects = {key: id for id, (role, kind, key) in timelines.items() if (role, kind) == (0, 0)}
-    standing, empty, seqs = {}, {}, {}
+    by_timeline, empty, seqs = {}, {}, {}
     superseded, existed = set(), set()
     scheduled = {row[:2]: row[2:] for row in execute(f"SELECT {SCHEDULED} FROM schedules WHERE kb_id = {kb}")}
     derived = set(execute(f"SELECT recorded_tx, seq FROM schedules WHERE kb_id = {kb} AND is_derived"))
@@ -89,17 +92,17 @@ def violations(execute, kb):
             row = Row(table, values)
             found_kinds |= 1 << kind
             if row.key not in derived:
-                # what is derived comes last in its transaction, and may have been deleted
+                # derived rows come last in their transaction, and may have been deleted
                 seqs.setdefault(row.recorded_tx, []).append(row.seq)
             expect(row.key not in derived or table == "functions", row, "is derived")
             is_late = row.initial_time < times[row.recorded_tx]
             expect(not is_late or row.recorded_tx in late, row, "is late, but its transaction is not")
-            expect(row.told_tx is None or (is_late and row.told_tx < row.recorded_tx), row, "was not told before")
+            expect(row.told_tx is None or (is_late and row.told_tx < row.recorded_tx), row, "was not recorded before")
             _check_row(row, times, is_late, expect)
             _check_schedule(row, kind, scheduled.pop(row.key, None), times, is_late, expect)
             _check_revisions(row, kind, revised.pop(row.key, ()), expect)
             if row.retired_tx is None:
-                standing.setdefault((table, row.timeline_id), []).append(row)
+                by_timeline.setdefault((table, row.timeline_id), []).append(row)
                 continue
             superseded.add((table, row.timeline_id, row.initial_time))
             if table == "instances":
@@ -108,7 +111,7 @@ def violations(execute, kb):
                 empty.setdefault((table, row.timeline_id), []).append(row.initial_time)
     expect(not scheduled, "was scheduled and is not there:", scheduled)
     expect(not revised, "was revised and is not there:", revised)
-    expect(present & 31 == found_kinds, "the head does not tell what is present:", present, found_kinds)
+    expect(present & 31 == found_kinds, "the head does not list what is present:", present, found_kinds)
     for recorded, found_seqs in seqs.items():
         expect(sorted(found_seqs) == list(range(len(found_seqs))), "places of", recorded, "have gaps", found_seqs)
 
@@ -116,13 +119,13 @@ def violations(execute, kb):
         row[:2]: row[2] for row in execute(f"SELECT recorded_tx, seq, instance_type FROM instances WHERE kb_id = {kb}")
     }
     existence_ends = {}
-    for (table, timeline), rows in standing.items():
+    for (table, timeline), rows in by_timeline.items():
         rows.sort(key=lambda row: row.initial_time)
         for before, after in pairwise(rows):
             expect(before.end_time <= after.initial_time, before, "overlaps", after)
         if table == "instances":
             existence_ends[timelines[timeline][2]] = _existence_ends(rows, types)
-    for (table, timeline), rows in standing.items():
+    for (table, timeline), rows in by_timeline.items():
         if table not in ("facts", "functions"):
             continue
         arguments = timelines[timeline][2].split(" ")[1:]
@@ -132,10 +135,10 @@ def violations(execute, kb):
             if row.ended_tx is None:
                 ahead = [end for name in arguments for end in existence_ends.get(name, ()) if end > row.initial_time]
                 ahead += [after.initial_time for after in rows[index + 1 : index + 2]]
-                # what began and ended at one time has ended what was before it, too
+                # an assertion that began and ended at one time has ended the one before it, too
                 ahead += [t for t in empty.get((table, timeline), ()) if t > row.initial_time]
                 end = min(ahead, default=OPEN)
-                # what it ended by may have been taken away by late knowledge
+                # late knowledge may have removed the assertion that ended it
                 was = (table, timeline, row.end_time) in superseded or {(n, row.end_time) for n in arguments} & existed
                 expect(row.end_time == end or (was and row.end_time < end), row, "should end at", end)
     for row in execute(
@@ -149,7 +152,7 @@ def violations(execute, kb):
 
 
 def _check_row(row, times, is_late, expect):
-    """What concerns a row alone, and the transactions that touched it."""
+    """The invariants of a single row, and of the transactions that touched it."""
     expect(row.initial_time <= row.end_time, row, "ends before it begins")
     expected = level(row.initial_time, row.end_time)
     if row.retired_tx is not None and expected != EMPTY_LEVEL:
@@ -162,13 +165,13 @@ def _check_row(row, times, is_late, expect):
         expect(row.retired_tx == row.ended_tx, row, "was retired otherwise than by its end")
     expect((row.ended_tx is None) == (row.end_cause is None), row, "ended without a cause")
     if row.ended_tx is not None:
-        # what is left of a row before late knowledge ends in the past
+        # the part of a row that late knowledge has left ends in the past
         expect(is_late or row.end_time == times[row.ended_tx], row, "did not end with its transaction")
         expect(row.end_cause in (1, 2, 3, 4, 5), row, "ended for no known cause")
 
 
 def _check_schedule(row, kind, scheduled, times, is_late, expect):
-    """A row that was recorded ahead of its time has one in `schedules`, and no other has."""
+    """A row has one in `schedules` if it was recorded ahead of its time, and only then."""
     recorded = times[row.recorded_tx]
     if scheduled is None:
         expect(is_late or row.initial_time == recorded, row, "is not of its transaction's time", recorded)
@@ -181,7 +184,7 @@ def _check_schedule(row, kind, scheduled, times, is_late, expect):
 
 
 def _check_revisions(row, kind, revisions, expect):
-    """The revisions of a row fit what became of it."""
+    """The revisions of a row agree with its columns."""
     expect(all(found[1] == kind for found in revisions), row, "was revised as another kind")
     whats = [what for _, _, what, _ in revisions]
     is_superseded = row.retired_tx is not None and not row.is_cancelled and not row.is_emptied
@@ -196,7 +199,7 @@ def _check_revisions(row, kind, revisions, expect):
 
 
 def _existence_ends(rows, types):
-    """When an object ceases to exist, adjacent existences of the same type being one (rule C6)."""
+    """The ends of an object's existences, with adjacent existences of the same type joined (rule C6)."""
     ends = []
     for index, row in enumerate(rows):
         if row.is_negative or row.end_time == OPEN:

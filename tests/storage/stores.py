@@ -1,4 +1,4 @@
-"""Stores with a long history, filled row by row: what the planners of both engines are tried on."""
+"""Stores with a long history, filled row by row, on which the planners of both engines are tested."""
 
 import itertools
 import random

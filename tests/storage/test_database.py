@@ -1,4 +1,4 @@
-"""Connections: what is set on them, whose they are, and which error of a driver is raised as what."""
+"""Connections: their settings, their owners, and the translation of driver errors."""
 
 import re
 import sqlite3
@@ -59,7 +59,7 @@ def test_durability_is_sqlites_synchronous(path, durability, synchronous):
 
 @pytest.mark.parametrize(("durability", "synchronous"), [("full", "on"), ("normal", "off")])
 def test_durability_is_postgresqls_synchronous_commit(postgresql_url, durability, synchronous):
-    """On PostgreSQL it is synchronous_commit, and lock_timeout that of SQLite; both last for a transaction only."""
+    """On PostgreSQL the settings are synchronous_commit and lock_timeout, which last for one transaction."""
     database = Database(postgresql_url, durability=durability, busy_timeout=2.5)
     with database.connect() as connection:
         before = settings(connection.driver)
@@ -73,8 +73,8 @@ def test_durability_is_postgresqls_synchronous_commit(postgresql_url, durability
     database.close()
 
 
-def test_a_server_that_waits_for_longer_is_not_hurried(postgresql_url):
-    """`remote_apply`, with which a standby can be asked for what was acknowledged, is more than "full" asks for."""
+def test_a_stricter_server_setting_stays(postgresql_url):
+    """`remote_apply`, with which a standby has all acknowledged transactions, is stricter than "full", and stays."""
     for durability, synchronous in (("full", "remote_apply"), ("normal", "off")):
         url = f"{postgresql_url}&options=-csynchronous_commit%3Dremote_apply"
         database = Database(url, durability=durability)
@@ -84,7 +84,7 @@ def test_a_server_that_waits_for_longer_is_not_hurried(postgresql_url):
 
 
 def test_read_only_is_held_by_the_database_itself(path, postgresql_url):
-    """A read-only connection refuses to change anything, whatever is tried on it."""
+    """A read-only connection refuses every change."""
     for url in (path, postgresql_url):
         kbstore.open(url).close()
     change = Statement(sa.text("UPDATE knowledge_bases SET name = 'other' RETURNING name"))
@@ -100,8 +100,8 @@ def test_read_only_is_held_by_the_database_itself(path, postgresql_url):
 
 
 @pytest.mark.parametrize("wrong", [{"durability": "none"}, {"busy_timeout": -1}, {"busy_timeout": float("nan")}])
-def test_settings_that_make_no_sense_are_refused(path, wrong):
-    """What cannot be set is refused before anything is opened."""
+def test_invalid_settings_are_refused(path, wrong):
+    """Invalid settings are refused before anything is opened."""
     with pytest.raises(ValueError, match=next(iter(wrong))):
         kbstore.open(path, **wrong)
     assert not path.exists()
@@ -111,7 +111,7 @@ def test_settings_that_make_no_sense_are_refused(path, wrong):
 
 
 def test_an_engine_of_the_callers_gets_its_connections_back_as_they_were(path):
-    """Isolation level and settings are the host's again, and its engine goes on after kbstore is closed."""
+    """Isolation level and settings are those of the host again, and its engine works after kbstore is closed."""
     engine = sa.create_engine(f"sqlite:///{path}", pool_size=1, max_overflow=0)
 
     @sa.event.listens_for(engine, "connect")
@@ -136,7 +136,7 @@ def test_an_engine_of_the_callers_gets_its_connections_back_as_they_were(path):
 
 
 def test_an_engine_of_the_callers_on_postgresql(postgresql_url):
-    """The same on PostgreSQL, with settings that the host has made."""
+    """The same on PostgreSQL, with settings of the host."""
     options = {"options": "-c lock_timeout=7s -c synchronous_commit=local"}
     engine = sa.create_engine(postgresql_url, pool_size=1, max_overflow=0, connect_args=options)
     with kbstore.open(engine, "host", durability="normal") as kb:
@@ -160,8 +160,8 @@ def test_an_engine_of_the_callers_on_postgresql(postgresql_url):
 
 @pytest.mark.parametrize("backend", ["file", "postgresql"])
 @pytest.mark.parametrize("listener", ["before_cursor_execute", "echo"])
-def test_who_looks_at_an_engine_sees_all_statements(backend, listener, path, request, caplog):
-    """An engine's listeners and its `echo` see what questions, changes and opening run; all answers are the same."""
+def test_listeners_of_an_engine_see_all_statements(backend, listener, path, request, caplog):
+    """An engine's listeners and its `echo` see the statements of questions and changes; answers are the same."""
     url = f"sqlite:///{path}" if backend == "file" else request.getfixturevalue("postgresql_url")
     engine = sa.create_engine(url)
     seen = []
@@ -200,7 +200,7 @@ def test_who_looks_at_an_engine_sees_all_statements(backend, listener, path, req
 
 
 def test_closing_one_knowledge_base_leaves_the_engine_to_others(path):
-    """Two knowledge bases on one engine: closing the first does not concern the second."""
+    """Closing the first of two knowledge bases on one engine does not affect the second."""
     engine = sa.create_engine(f"sqlite:///{path}")
     first, second = kbstore.open(engine, "first"), kbstore.open(engine, "second")
     first.close()
@@ -211,7 +211,7 @@ def test_closing_one_knowledge_base_leaves_the_engine_to_others(path):
 
 
 def in_thread(act):
-    """Do something in another thread, and raise what it raises."""
+    """Run a function in another thread, and raise its error."""
     with ThreadPoolExecutor(1) as thread:
         return thread.submit(act).result(30)
 
@@ -239,8 +239,8 @@ def test_a_connection_of_the_callers_is_checked_out_for_each_operation(backend, 
     engine.dispose()
 
 
-def test_a_pool_without_connections_is_told_of(path):
-    """Where the caller's pool has none left, the error says so, and how to have more."""
+def test_the_error_of_an_exhausted_pool(path):
+    """Where the caller's pool has no free connection, the error says so, and how to have more."""
     engine = sa.create_engine(f"sqlite:///{path}", pool_size=1, max_overflow=0, pool_timeout=0.05)
     with kbstore.open(engine) as kb:
         kb.add("(raining)")
@@ -255,9 +255,9 @@ def test_a_pool_without_connections_is_told_of(path):
 
 
 def connections(url):
-    """How many connections there are to a database, the one that asks aside."""
+    """The number of connections to a database, without the one that asks."""
     with psycopg.connect(url.replace("+psycopg", ""), autocommit=True) as admin:
-        # one that was closed just now may still be on its way out
+        # a connection closed just now may still be counted
         for _ in range(100):
             count = admin.execute(
                 "SELECT count(*) FROM pg_stat_activity WHERE datname = current_database() AND pid <> pg_backend_pid()"
@@ -270,7 +270,7 @@ def connections(url):
 
 
 def test_knowledge_bases_of_a_server_share_a_pool(empty_database):
-    """50 knowledge bases that five threads ask hold at most `pool_size` connections; closed, none is left."""
+    """50 knowledge bases used by five threads hold at most `pool_size` connections; closed, none is left."""
     url = f"{empty_database}{'&' if '?' in empty_database else '?'}pool_size=3"
     kbs = [kbstore.open(url, f"kb{number}") for number in range(50)]
     together = threading.Barrier(5)
@@ -291,7 +291,7 @@ def test_knowledge_bases_of_a_server_share_a_pool(empty_database):
 
 
 def test_all_connections_to_a_server_are_in_use(empty_database):
-    """Where `pool_size` connections are in use, the next operation waits for one; above the time-out it is refused."""
+    """Where `pool_size` connections are in use, the next operation waits for one, at most for the timeout."""
     url = f"{empty_database}{'&' if '?' in empty_database else '?'}pool_size=1"
     with kbstore.open(url, busy_timeout=0.2) as kb, kbstore.open(url, "other", busy_timeout=0.2) as other:
         with kb.transaction() as transaction:
@@ -307,8 +307,8 @@ def test_all_connections_to_a_server_are_in_use(empty_database):
     ("parameter", "expected"),
     [("pool_size=0", "from 1 on"), ("pool_size=many", "from 1 on"), ("prepare_threshold=off", "from 0 on, or none")],
 )
-def test_parameters_of_a_url_that_make_no_sense(parameter, expected):
-    """A parameter of kbstore's own in the URL of a server is refused in words before anything is connected."""
+def test_invalid_parameters_of_a_url_are_refused(parameter, expected):
+    """An invalid parameter of kbstore's own in the URL of a server is refused before anything is connected."""
     with pytest.raises(StoreUnavailable, match=f"{parameter} in the URL of a store: .*{expected}"):
         kbstore.open(f"postgresql://127.0.0.1:9/none?{parameter}")
 
@@ -324,7 +324,7 @@ def test_prepared_statements_by_url(postgresql_url, parameter, prepared):
 
 
 def test_many_threads_need_no_larger_pool(path):
-    """Of an engine that kbstore makes itself, as many threads as there are have a connection at once."""
+    """In an engine that kbstore makes itself, every thread has a connection at the same time."""
     kb = kbstore.open(path)
     kb.add("(raining)")
     together = threading.Barrier(40)
@@ -344,13 +344,13 @@ def test_many_threads_need_no_larger_pool(path):
     ask_again = threading.Thread(target=kb.holds, args=("(raining)",))
     ask_again.start()
     ask_again.join()
-    # those of threads that are gone were dropped when the next came
+    # those of ended threads were dropped when the next thread came
     assert len(kb._database._connections._open) == 2
     kb.close()
 
 
-def test_a_thread_takes_over_what_one_that_is_gone_has_left(path):
-    """Opening a connection takes longer than most questions; one in the middle of something is not taken over."""
+def test_a_thread_takes_over_the_connection_of_an_ended_one(path):
+    """Opening a connection takes longer than most questions; one in the middle of an operation is not taken over."""
     with kbstore.open(path) as kb:
         kb.add("(raining)")
         used = []
@@ -372,7 +372,7 @@ def test_a_thread_takes_over_what_one_that_is_gone_has_left(path):
 
 
 def test_a_store_in_memory_may_be_the_callers(path):
-    """An engine on a database in memory works, also in other threads, where its one connection may go there."""
+    """A caller's engine on a database in memory works, also in other threads, if its one connection allows that."""
     del path
     arguments = {"poolclass": StaticPool, "connect_args": {"check_same_thread": False}}
     engine = sa.create_engine("sqlite://", **arguments)
@@ -386,8 +386,8 @@ def test_a_store_in_memory_may_be_the_callers(path):
 
 @pytest.mark.parametrize("pool", [StaticPool, SingletonThreadPool])
 @pytest.mark.parametrize("where", ["memory", "file"])
-def test_what_others_write_on_the_callers_one_connection_is_seen(path, pool, where):
-    """Where the caller's pool has one connection for all, another's commits on it are seen like those of any other."""
+def test_writes_of_others_on_the_callers_one_connection_are_seen(path, pool, where):
+    """Where the caller's pool has one connection for all, commits of others on it are seen like any other."""
     arguments = {"poolclass": pool, "connect_args": {"check_same_thread": False}}
     engine = sa.create_engine("sqlite://" if where == "memory" else f"sqlite:///{path}", **arguments)
     with kbstore.open(engine) as kb, kbstore.open(engine) as other:
@@ -405,7 +405,7 @@ def test_what_others_write_on_the_callers_one_connection_is_seen(path, pool, whe
 
 
 def test_the_file_is_the_one_that_sqlite_has_open(tmp_path, monkeypatch):
-    """An engine made where its relative path meant another file: that file is watched, and whether it was moved."""
+    """Where the working directory has changed since, the file that SQLite opened is watched for being moved."""
     for name in ("here", "there"):
         (tmp_path / name).mkdir()
     monkeypatch.chdir(tmp_path / "here")
@@ -462,8 +462,8 @@ def test_errors_of_drivers_say_what_to_do(error, expected):
     assert re.search(expected, str(found)), found
 
 
-def test_an_error_of_the_callers_own_database_stays_what_it_is(kb):
-    """Only kbstore's own errors are translated: what a caller's own code raises in a block comes out unchanged."""
+def test_an_error_of_the_callers_own_database_is_unchanged(kb):
+    """Only kbstore's own errors are translated: an error of the caller's code in a block is raised unchanged."""
 
     def fail():
         with kb.transaction() as transaction:
@@ -487,8 +487,8 @@ def test_an_error_within_a_block_is_typed_where_it_arises(tmp_path):
     kb.close()
 
 
-def test_after_sqlite_has_rolled_back_by_itself_nothing_more_is_done(tmp_path):
-    """After an error that ended the transaction no statement takes effect on its own: all of it is refused."""
+def test_after_a_rollback_by_sqlite_every_statement_is_refused(tmp_path):
+    """After an error that ended the transaction no statement takes effect on its own: all of them are refused."""
     kb = kbstore.open(tmp_path / "store.db")
     add = Statement(sa.text("INSERT INTO knowledge_bases VALUES (:id, :name, false)"))
     fail = Statement(sa.text("INSERT OR ROLLBACK INTO knowledge_bases SELECT * FROM knowledge_bases"))
@@ -517,21 +517,21 @@ def test_after_sqlite_has_rolled_back_by_itself_nothing_more_is_done(tmp_path):
     ],
 )
 def test_a_store_that_cannot_be_reached(url, expected):
-    """Wherever a store is not, opening it says so in one error."""
+    """Opening a store that cannot be reached is one error, wherever it was expected."""
     with pytest.raises(StoreUnavailable, match=expected):
         kbstore.open(url)
 
 
-def test_passwords_are_not_told():
-    """An error names the store without the password that its URL has."""
+def test_errors_have_no_password():
+    """An error names the store without the password of its URL."""
     with pytest.raises(StoreUnavailable) as refusal:
         kbstore.open("postgresql://kenny:secret@127.0.0.1:9/none?connect_timeout=2")
     assert "secret" not in str(refusal.value)
     assert "kenny:***@127.0.0.1" in str(refusal.value)
 
 
-def test_what_is_no_database_is_told_apart(tmp_path):
-    """A file that is no SQLite database is refused, and left as it is."""
+def test_a_file_that_is_not_a_database_is_refused(tmp_path):
+    """A file that is not an SQLite database is refused, and left as it is."""
     file = tmp_path / "notes.txt"
     file.write_text("buy milk " * 200)
     with pytest.raises(StoreUnavailable, match="not a database"):
@@ -540,7 +540,7 @@ def test_what_is_no_database_is_told_apart(tmp_path):
 
 
 def test_engines_that_kbstore_makes():
-    """A path is a file, :memory: and no path are memory, postgresql is driven by psycopg."""
+    """A path is a file, :memory: and no path are memory, postgresql uses psycopg."""
     assert str(make_engine("a/b.db").url) == "sqlite:///a/b.db"
     assert isinstance(make_engine(":memory:").pool, StaticPool)
     assert isinstance(make_engine("sqlite://").pool, StaticPool)
@@ -548,7 +548,7 @@ def test_engines_that_kbstore_makes():
 
 
 def test_a_file_is_opened_by_one_connection(tmp_path):
-    """The connection by which the schema is checked is the one that the thread goes on with."""
+    """The connection that checks the schema is the one that the thread then uses."""
     made = []
 
     def count(driver, _):

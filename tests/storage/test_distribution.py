@@ -1,6 +1,6 @@
 """A store can be distributed by its knowledge bases: every key has `kb_id`, and so has every access to a table.
 
-Citus is not at hand; PostgreSQL's own partitions stand for its shards. With each table partitioned by a hash of
+Citus is not available here; PostgreSQL's own partitions replace its shards. With each table partitioned by a hash of
 `kb_id`, the plan of every statement has to touch one partition of each table, and all keys have to be accepted.
 """
 
@@ -32,7 +32,7 @@ OWN = ("knowledge_base_names", "find_knowledge_base", "add_knowledge_base")
 
 
 def statements():
-    """All statements, by name, but those about the directory and those that are not about rows."""
+    """All statements by name, without those about the directory, and those that are not about rows."""
     found = {}
 
     def collect(name, value):
@@ -88,7 +88,7 @@ def test_every_key_has_the_knowledge_base():
 
 
 def accesses(core):
-    """The tables of a construct, and those of which it says that `kb_id` is the parameter or another table's."""
+    """The tables of a construct, and those whose `kb_id` it sets equal to the parameter or to another table's."""
     read, named = set(), set()
     for part in visitors.iterate(core):
         if isinstance(part, sa.Insert):
@@ -106,11 +106,11 @@ def accesses(core):
 @pytest.mark.parametrize("name", ALL)
 @pytest.mark.parametrize("dialect", ["sqlite", "postgresql"])
 def test_every_access_names_the_knowledge_base(name, dialect):
-    """For each table that a statement reads or writes, it says `kb_id = :kb`."""
+    """For each table that a statement reads or writes, it has `kb_id = :kb`."""
     assert not accesses(construct(ALL[name], dialect))
 
 
-def test_an_access_that_does_not_name_it_is_found():
+def test_an_access_without_the_knowledge_base_is_found():
     """The test above can fail: a join on the number of a timeline alone is noticed."""
     facts, timelines = tables.facts, tables.timelines
     forgetful = sa.select(facts.c.seq).select_from(facts.join(timelines, timelines.c.id == facts.c.timeline_id))
@@ -148,7 +148,7 @@ def _schema(url, name):
 
 
 def touched(driver, text, parameters=()):
-    """Per table the partitions that a plan touches; a table that is written to is named beside its partitions."""
+    """The partitions of each table that a plan touches; a table that is written to is listed beside its partitions."""
     plan = driver.execute(f"EXPLAIN (FORMAT JSON) {text}", parameters).fetchone()[0]
     found = {}
     left = [plan]
@@ -165,7 +165,7 @@ def touched(driver, text, parameters=()):
 
 
 def parameters_of(statement):
-    """A value for each parameter, for a statement with named ones."""
+    """A value for each parameter of a statement with named ones."""
     others = {"timelines": 100, "gone": 10, "most": 10, "referred": [1], "history_from": 1}
     others |= {"open_runs": [1, 2]}
     values = VALUES | {name: list(value) for name, value in ARRAYS.items()} | others
@@ -183,7 +183,7 @@ READING_OR_CHANGING = [name for name, found in ALL.items() if not found.postgres
 
 @pytest.mark.parametrize("name", READING_OR_CHANGING)
 def test_every_statement_touches_one_partition_of_each_table(partitioned, name):
-    """What concerns one knowledge base is where that is, and nowhere else."""
+    """The rows of one knowledge base are in one partition of each table."""
     statement = ALL[name]
     if isinstance(statement, BulkStatement):
         parameters = [VALUES["kb"] if column == "kb" else 1 for column in statement.columns]
@@ -194,16 +194,16 @@ def test_every_statement_touches_one_partition_of_each_table(partitioned, name):
     assert all(len(partitions) == 1 for partitions in found.values()), found
 
 
-def test_a_statement_that_forgets_it_touches_all(partitioned):
-    """The test above can fail: a join without the knowledge base shows all four partitions."""
+def test_a_statement_without_the_knowledge_base_touches_all_partitions(partitioned):
+    """The test above can fail: the plan of a join without the knowledge base has all four partitions."""
     text = "SELECT * FROM facts f JOIN timelines t ON t.id = f.timeline_id WHERE f.kb_id = 2"
     found = touched(partitioned, text)
     assert len(found["facts"]) == 1
     assert len(found["timelines"]) == PARTITIONS
 
 
-def test_the_keys_hold_over_partitions(partitioned):
-    """A row without its timeline, and two that count at one time, are refused as in one table."""
+def test_keys_hold_across_partitions(partitioned):
+    """A row without its timeline, and two rows that count at one time, are refused as in one table."""
     partitioned.execute("INSERT INTO knowledge_bases VALUES (7, 'seven', false)")
     partitioned.execute("INSERT INTO timelines VALUES (7, 0, 1, 1, 'p', NULL)")
     add = (

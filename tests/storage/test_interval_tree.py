@@ -1,4 +1,4 @@
-"""The interval tree, compared with intervals that are simply gone through."""
+"""The interval tree, compared with a search through all intervals."""
 
 from hypothesis import example, given
 from hypothesis import strategies as st
@@ -25,8 +25,8 @@ def test_the_node_is_where_the_paths_to_both_ends_part(start, end):
 
 
 @given(times, times)
-def test_the_level_is_how_many_zeros_the_node_ends_with(start, end):
-    """With its level the end of an interval tells its node; so does its beginning, which is less than a step before."""
+def test_the_level_is_the_number_of_trailing_zeros_of_the_node(start, end):
+    """With its level the end of an interval gives its node; so does its beginning, which is less than a step before."""
     if end <= start:
         assert level(start, end) == EMPTY_LEVEL == -64
         return
@@ -37,7 +37,7 @@ def test_the_level_is_how_many_zeros_the_node_ends_with(start, end):
 
 
 def test_open_and_empty_intervals_have_no_node():
-    """Open intervals have a level above the tree, and begin from 0 on; empty ones have one that is never visited."""
+    """Open intervals have a level above the tree, from 0 on; empty ones have a level that is never visited."""
     assert node(0, OPEN) is None
     assert node(TIME_LIMIT - 1, OPEN) is None
     assert node(7, 7) is None
@@ -48,8 +48,8 @@ def test_open_and_empty_intervals_have_no_node():
     assert (begins[OPEN_LEVEL], ends[OPEN_LEVEL]) == (0, None)
 
 
-def test_superseded_rows_are_on_levels_of_their_own():
-    """No level of what was superseded is one of what is known now, or that of what is empty."""
+def test_superseded_rows_have_separate_levels():
+    """No level of a superseded row is one of a current row, or that of empty rows."""
     known = range(LEVELS + 1)
     gone = [superseded(level) for level in known]
     assert gone == list(range(-1, -64, -1))
@@ -78,7 +78,7 @@ def test_an_interval_is_found_at_a_time_if_it_contains_it(start, end, t):
 @example(0, 1, 0)
 @example(0, TIME_LIMIT - 1, TIME_LIMIT - 2)
 def test_the_block_around_a_time_is_enough(start, end, t):
-    """As the documentation says for SQL: it begins by t in the block around t and ends beyond it, or ends in it."""
+    """The documented SQL: an interval begins by t in the block around t and ends beyond it, or ends in it."""
     if end <= start:
         return
     height = level(start, end)
@@ -88,8 +88,8 @@ def test_the_block_around_a_time_is_enough(start, end, t):
 
 
 @given(times)
-def test_a_path_is_as_long_as_the_tree_is_high(t):
-    """Each level has one node of the path, and one range, of beginnings or of ends: nobody reads more than that."""
+def test_a_path_has_one_node_for_each_level(t):
+    """On each level the path has one node and one range, of beginnings or of ends."""
     begins, ends = ranges(t)
     assert len(path(t)) == len(set(path(t))) == LEVELS
     assert len(begins) == len(ends) == LEVELS + 1

@@ -1,4 +1,4 @@
-"""Random transactions leave the tables as they have to be: nodes, ends, numbers, and no overlaps."""
+"""Random transactions keep the invariants of the tables: nodes, ends, numbers, and no overlaps."""
 
 import random
 from contextlib import suppress
@@ -38,7 +38,7 @@ ACTIONS = tuple((robot, place) for robot in ("kenny", "rita") for place in ("wp0
 
 
 def steps(choose):
-    """A step of a transaction: what to do, with what, after how many seconds; `choose` takes one of several."""
+    """A step of a transaction: the change, its item, and the seconds until it; `choose` takes one of several."""
     kind = choose(
         (*["add"] * 12, "change", *["remove"] * 5, "goal", *["start"] * 3, "end", "end", "abort", "clear", *LATE)
     )
@@ -59,7 +59,7 @@ def steps(choose):
 
 
 def sequences(choose):
-    """Transactions: the seconds before each, its steps, and whether it is given up at last."""
+    """Transactions: the seconds before each, its steps, and whether it is rolled back at the end."""
     return [
         (choose(range(5)), [steps(choose) for _ in range(choose((1, 1, 2, 4)))], choose((False, False, False, True)))
         for _ in range(choose((3, 8, 14)))
@@ -93,7 +93,7 @@ def take_step(transaction, step, now):
 
 
 def reading(kb):
-    """What runs SQL on the store of a knowledge base, and the number of the knowledge base."""
+    """A function that runs SQL on the store of a knowledge base, and the number of the knowledge base."""
 
     def execute(sql):
         with kb._database.connect() as session:
@@ -107,7 +107,7 @@ class GivenUp(Exception):
 
 
 def play(kb, clock, sequence):
-    """Do random transactions; steps that are refused, and transactions that are given up, leave nothing."""
+    """Make random transactions; refused steps, and transactions that are rolled back, leave nothing."""
     kb.load(DOMAIN)
     kb.add(*OBJECTS, "(= (cost) 0)", "(= (battery kenny) 9)", "(= (battery rita) 9)")
     for wait, together, given_up in sequence:
@@ -134,7 +134,7 @@ def test_the_tables_are_sound_after_random_transactions(data):
 
 
 def test_the_tables_are_sound_on_every_store(open_kb, clock):
-    """The same holds on every store that there is."""
+    """The invariants hold on every kind of store."""
     chance = random.Random(7)
     for _ in range(5):
         kb = open_kb()
@@ -158,13 +158,13 @@ WRONG = {
     "UPDATE heads SET last_number = 9": "numbers have gaps",
     "UPDATE heads SET last_token = 9": "the head is not that of the last transaction",
     "UPDATE heads SET last_timeline = 9": "timelines have gaps",
-    "UPDATE heads SET present = 0": "does not tell what is present",
+    "UPDATE heads SET present = 0": "does not list what is present",
     "DELETE FROM mentions": "is not known to mention",
 }
 
 
 @pytest.mark.parametrize("damage", WRONG)
-def test_what_is_wrong_is_found(damage):
+def test_violations_are_found(damage):
     """The tests of this file can fail: damage to the tables is noticed."""
     clock = kbstore.ManualClock(START)
     with kbstore.open("sqlite://", clock=clock) as kb:

@@ -1,7 +1,7 @@
-"""Every question reads by indexes, as much as it answers with: the plans of both engines.
+"""Every question reads by indexes only the rows that it needs: the plans of both engines.
 
-SQLite is asked before and after ANALYZE, for what it guesses without is another thing. PostgreSQL keeps the plan of
-a prepared statement, so that one that it made for an empty table has to be right for a full one, too.
+SQLite is asked before and after ANALYZE, as its guesses without statistics differ. PostgreSQL keeps the plan of a
+prepared statement, so one made for an empty table has to be right for a full one, too.
 """
 
 import json
@@ -82,7 +82,7 @@ READING = [name for name in questions(ALL) if name not in WHOLE]
 
 
 def values_of(statement, as_array):
-    """Values for all parameters; the same name means another thing in some statements."""
+    """Values for all parameters; the same name has another meaning in some statements."""
     values = VALUES | {name: as_array(value) for name, value in ARRAYS.items()}
     if statement is queries.timelines_of_symbol:
         values |= {"first": "p1", "last": "p1!"}
@@ -102,7 +102,7 @@ def sqlite_plan(driver, statement):
 
 
 def goes_through(step):
-    """Whether a step of SQLite's plan reads a table, or all that a knowledge base has in it."""
+    """Whether a step of SQLite's plan reads a table, or all rows of a knowledge base in it."""
     scan = re.search(r"SCAN (?!span|found)", step) and "VIRTUAL TABLE" not in step and "CONSTANT ROW" not in step
     return scan or "(kb_id=?)" in step or "BLOOM" in step or "AUTOMATIC" in step
 
@@ -122,9 +122,9 @@ def sqlite(request, long_sqlite):
     return long_sqlite
 
 
-# runs that ended at one moment are looked for among all, which are few
+# runs that ended at one time are searched among all, which are few
 @pytest.mark.parametrize("name", [name for name in READING if name != "running_as_of"])
-def test_nothing_is_gone_through_on_sqlite(sqlite, name):
+def test_nothing_is_scanned_on_sqlite(sqlite, name):
     """No question scans a table, or all rows of a knowledge base, or puts a Bloom filter over a join."""
     plan = sqlite_plan(sqlite, questions(ALL)[name])
     assert [step for step in plan if step.startswith(("SEARCH", "SCAN"))]
@@ -133,7 +133,7 @@ def test_nothing_is_gone_through_on_sqlite(sqlite, name):
 
 @pytest.mark.parametrize("table", ALL)
 def test_the_two_branches_of_state_at_t_on_sqlite(sqlite, table):
-    """The state at t is read from one range of starts or of ends on each level; what is open has a level of its own."""
+    """The state at t is read from one range of starts or of ends on each level; open rows have a separate level."""
     statements = next(found for found in for_kind.values() if found.table == table)
     branches = [
         f"SEARCH {table} USING INDEX ix_{table}_begin (kb_id=? AND level=? AND initial_time>? AND initial_time<?)",
@@ -146,7 +146,7 @@ def test_the_two_branches_of_state_at_t_on_sqlite(sqlite, table):
 
 
 def test_running_actions_are_read_from_the_tree_on_sqlite(sqlite):
-    """What runs at t is read by the tree, too, however many actions have run before."""
+    """The runs at t are read by the tree, too, however many earlier runs there are."""
     plan = [step for step in sqlite_plan(sqlite, queries.running) if step.startswith("SEARCH")]
     assert plan == [
         "SEARCH runs USING INDEX ix_runs_node (kb_id=? AND node=?)",
@@ -155,8 +155,8 @@ def test_running_actions_are_read_from_the_tree_on_sqlite(sqlite):
 
 
 @pytest.mark.parametrize("table", ALL)
-def test_one_thing_is_one_look_up_on_sqlite(sqlite, table):
-    """A question about one timeline goes down one index, to one row, and to the row of the knowledge base."""
+def test_a_timeline_is_read_by_one_lookup_on_sqlite(sqlite, table):
+    """A question about one timeline searches one index for one row, and reads the row of the knowledge base."""
     statements = next(found for found in for_kind.values() if found.table == table)
     assert sqlite_plan(sqlite, statements.point) == [
         "SEARCH heads USING INTEGER PRIMARY KEY (rowid=?)",
@@ -173,8 +173,8 @@ def test_one_thing_is_one_look_up_on_sqlite(sqlite, table):
         ("next_start", "{table} USING INDEX ux_{table}_timeline (kb_id=? AND timeline_id=? AND initial_time>?)"),
     ],
 )
-def test_what_lies_ahead_is_found_by_its_index_on_sqlite(sqlite, table, name, used):
-    """A writer reads the end of a timeline; a row that was scheduled is read by its key."""
+def test_future_rows_are_found_by_their_index_on_sqlite(sqlite, table, name, used):
+    """A writer reads the end of a timeline; a scheduled row is read by its key."""
     statements = next(found for found in for_kind.values() if found.table == table)
     plan = [step.replace("COVERING ", "") for step in sqlite_plan(sqlite, getattr(statements, name))]
     assert f"SEARCH {used.format(table=table)}" in plan
@@ -190,7 +190,7 @@ def test_what_lies_ahead_is_found_by_its_index_on_sqlite(sqlite, table, name, us
     ],
 )
 def test_schedules_and_revisions_are_found_by_their_indexes_on_sqlite(sqlite, name, used):
-    """What is pending has a tree of its own; what is due is found by time; revisions by their transactions."""
+    """Pending rows have a separate tree; due rows are found by time; revisions by their transactions."""
     assert f"SEARCH {used}" in sqlite_plan(sqlite, getattr(queries, name))
 
 
@@ -204,7 +204,7 @@ HISTORY_OF_ONE = (
 @pytest.mark.parametrize("view", ["fact_history", "function_history", "instance_history"])
 @pytest.mark.parametrize("question", HISTORY_OF_ONE)
 def test_the_history_of_a_timeline_is_read_by_its_index_on_sqlite(sqlite, view, question):
-    """A condition on `timeline_key` goes down to the timelines, and from there to their rows; nothing is scanned."""
+    """A condition on `timeline_key` reads the timelines, and from there their rows; nothing is scanned."""
     plan = [step[3] for step in sqlite.execute(f"EXPLAIN QUERY PLAN {question.format(view=view, key='p1 o1')}")]
     table = f"{view.partition('_')[0]}s"
     for index in (f"ux_{table}_timeline", f"ix_{table}_retired"):
@@ -224,7 +224,7 @@ ON_LARGE_TABLES = [
 
 @pytest.mark.parametrize("name", dict.fromkeys(ON_LARGE_TABLES))
 def test_large_tables_are_read_by_indexes_on_postgresql(long_postgresql, name):
-    """Where a table is large, no question reads it from end to end."""
+    """No question scans a large table."""
     statement = questions(ALL)[name]
     values = values_of(statement, list)
     parameters = {name: values[name] for name in set(re.findall(r"%\((\w+)\)s", statement.postgresql))}
@@ -236,7 +236,7 @@ def test_large_tables_are_read_by_indexes_on_postgresql(long_postgresql, name):
 
 @pytest.mark.parametrize("name", [name for name in READING if name != "running_as_of"])
 def test_the_plan_for_an_empty_table_holds_when_it_is_full_on_postgresql(young_postgresql, name):
-    """Nothing that is planned while a table is empty goes through all of a knowledge base later."""
+    """No statement planned while a table is empty scans all of a knowledge base later."""
     if young_postgresql.info.server_version < 160000:
         pytest.skip("plans for all values are shown by PostgreSQL 16 and later")
     statement = questions(ALL)[name].postgresql
@@ -254,7 +254,7 @@ def test_the_plan_for_an_empty_table_holds_when_it_is_full_on_postgresql(young_p
 
 
 def test_a_whole_state_is_read_by_indexes_on_postgresql(long_postgresql):
-    """The one statement for a state goes to the head by its key, and twice to each table by the interval tree."""
+    """The one statement for a state reads the head by its key, and each table twice by the interval tree."""
     statement = whole_state(tuple(for_kind)).postgresql
     values = values_of(whole_state(tuple(for_kind)), list)
     parameters = {name: values[name] for name in set(re.findall(r"%\((\w+)\)s", statement))}

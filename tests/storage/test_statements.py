@@ -39,7 +39,7 @@ def test_named_parameters():
 
 
 def test_a_statement_is_compiled_once():
-    """The text is made when it is first used, for the engine that uses it, and kept."""
+    """The text is made at first use, for the engine that uses it, and cached."""
     made = []
     statement = Statement(lambda dialect: made.append(dialect) or sa.select(T.c.a))
     assert [statement.sqlite is statement.sqlite, made] == [True, ["sqlite"]]
@@ -48,14 +48,14 @@ def test_a_statement_is_compiled_once():
         _ = statement.oracle
 
 
-def test_a_column_that_is_not_there_is_noticed():
-    """What a text would have hidden until it ran."""
+def test_an_unknown_column_is_noticed():
+    """A misspelt column fails when the statement is made, not when it runs."""
     with pytest.raises(AttributeError, match="nothing"):
         _ = T.c.nothing
 
 
 def test_each_is_a_table_of_the_values_of_an_array():
-    """It is json_each on SQLite and unnest on PostgreSQL, each with the values and their places from 0 on."""
+    """It is json_each on SQLite and unnest on PostgreSQL, each with the values and their positions from 0 on."""
 
     def select(dialect):
         table, value, place = each(dialect, "ids")
@@ -80,7 +80,7 @@ def test_each_pair_is_a_table_of_two_columns():
     assert "json_array_elements(CAST(%(keys)s AS json)) AS value" in postgresql
 
 
-def test_among_is_no_join():
+def test_among_is_not_a_join():
     """It is an IN on SQLite and = ANY on PostgreSQL."""
     assert texts(Statement(sa.select(T.c.a).where(among(T.c.b, "path"), sa.not_(among(T.c.c, "keys", "text"))))) == [
         "SELECT t.a FROM t WHERE t.b IN (SELECT value FROM json_each(:path))"
@@ -89,8 +89,8 @@ def test_among_is_no_join():
     ]
 
 
-def test_what_only_one_engine_has():
-    """SQLite has no FOR UPDATE; it joins in the order that is written, by the index that is named."""
+def test_clauses_of_one_engine():
+    """SQLite has no FOR UPDATE; it joins in the written order, by the named index."""
     other = T.alias("u")
     statement = Statement(
         sa.select(T.c.a)
@@ -106,7 +106,7 @@ def test_what_only_one_engine_has():
 
 
 def test_a_lookup_has_parameters_in_their_order():
-    """A look-up's parameters are given in the order in which they occur, as often as they do."""
+    """The parameters are given in the order in which they occur, each as often as it does."""
     found = sa.select(T.c.a).where(T.c.a == parameter("kb"), T.c.b <= parameter("t"), T.c.b != parameter("kb"))
     assert texts(Lookup(found, "kb", "t", "kb")) == [
         "SELECT t.a FROM t WHERE t.a = ? AND t.b <= ? AND t.b != ?",
@@ -116,7 +116,7 @@ def test_a_lookup_has_parameters_in_their_order():
         _ = Lookup(found, "t", "kb", "kb").sqlite
 
 
-def test_a_batch_that_adds_takes_sequences():
+def test_an_insert_batch_takes_sequences():
     """Rows are given in the order of the table's columns."""
     adding = BulkStatement.adding(T, "c", "a")
     assert adding.columns == ("a", "c")
@@ -127,8 +127,8 @@ def test_a_batch_that_adds_takes_sequences():
     assert texts(BulkStatement.adding(T, ignoring=True))[0].endswith("VALUES (?, ?, ?) ON CONFLICT DO NOTHING")
 
 
-def test_a_batch_that_changes_takes_the_values_and_then_the_key():
-    """What is set comes in the order of the table, and then the key of the row."""
+def test_an_update_batch_takes_the_values_and_then_the_key():
+    """The changed values come in the order of the table, and then the key of the row."""
     changing = BulkStatement.changing(T, "c", "b", key={"a": "row"})
     assert changing.columns == ("b", "c", "row")
     assert texts(changing) == [
@@ -137,8 +137,8 @@ def test_a_batch_that_changes_takes_the_values_and_then_the_key():
     ]
 
 
-def test_what_is_there_can_be_replaced_on_both_engines():
-    """An ON CONFLICT is made for each engine."""
+def test_rows_can_be_replaced_on_both_engines():
+    """An ON CONFLICT clause is made for each engine."""
 
     def put(dialect):
         added = insert(dialect, T).values(a=parameter("a"), c=parameter("c"))

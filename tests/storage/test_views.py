@@ -1,4 +1,4 @@
-"""The views that people read, compared with what the knowledge base itself answers, after random transactions."""
+"""The views for users, compared with the answers of the knowledge base, after random transactions."""
 
 import random
 
@@ -18,8 +18,8 @@ SAME = "recorded_tx, ended_tx, cancelled_tx, superseded_tx, initial_ns, end_ns"
 
 
 @pytest.fixture(params=range(8))
-def told(request, open_kb, clock):
-    """A knowledge base after a random life, and what reads its views."""
+def world(request, open_kb, clock):
+    """A knowledge base after random transactions, and a function that reads its views."""
     kb = open_kb()
     play(kb, clock, sequences(random.Random(request.param).choice))
     execute, _ = reading(kb)
@@ -31,7 +31,7 @@ def told(request, open_kb, clock):
 
 
 def numbers(assertion):
-    """What `SAME` names, as the knowledge base tells it."""
+    """The numbers that `SAME` names, as the knowledge base returns them."""
     transactions = (assertion.recorded, assertion.ended, assertion.cancelled, assertion.superseded)
     return (
         *(None if transaction is None else transaction.number for transaction in transactions),
@@ -40,9 +40,9 @@ def numbers(assertion):
     )
 
 
-def test_the_views_of_history_tell_what_history_tells(told):
+def test_the_views_of_history_agree_with_history(world):
     """Q3: intervals, signs, values, and the transactions that recorded, ended or cancelled each assertion."""
-    kb, view = told
+    kb, view = world
     facts = [(str(found.item), *numbers(found)) for name in kb.domain.predicates for found in kb.history(pattern(name))]
     assert sorted(view("fact_history", "fact", SAME), key=repr) == sorted(facts, key=repr)
     functions = [
@@ -59,8 +59,8 @@ def test_the_views_of_history_tell_what_history_tells(told):
     assert sorted(shown, key=repr) == sorted(objects, key=repr)
 
 
-def test_the_view_of_runs_shows_what_runs_answers(open_kb, clock):
-    """Q8: `run_history` has each run with its times, its outcome, what was forced, and who started and ended it."""
+def test_the_view_of_runs_agrees_with_runs(open_kb, clock):
+    """Q8: `run_history` has each run with its times, outcome, forced conditions, and transactions."""
     kb = open_kb()
     kb.load(RUNS)
     for name, client in (("beep", "first"), ("hum", "second"), ("beep", "third")):
@@ -105,9 +105,9 @@ def pattern(formula):
     return f"({' '.join((formula.name, *('?' for _ in formula.typed_parameters)))})"
 
 
-def test_the_views_of_the_present_show_the_latest_state(told):
-    """What stands at the time of the latest transaction, by the interval tree."""
-    kb, view = told
+def test_the_views_of_the_present_show_the_latest_state(world):
+    """The state at the time of the latest transaction, by the interval tree."""
+    kb, view = world
     state = kb.state(at=max(change.time for change in kb.changes()))
     assert sorted(view("current_facts", "fact, initial_ns")) == sorted(
         (str(item), item.initial_time) for item in state.facts
@@ -120,19 +120,19 @@ def test_the_views_of_the_present_show_the_latest_state(told):
     assert shown == pytest.approx({item.atom: item.function_value for item in state.functions}, rel=1e-12)
 
 
-def test_the_ends_that_nobody_wrote_have_who_caused_them(open_kb, clock):
-    """An end that lies ahead is by the next assertion, or by the end of an object."""
+def test_derived_ends_name_the_transaction_that_caused_them(open_kb, clock):
+    """A future end is by the next assertion, or by the end of an object."""
     kb = open_kb()
     kb.load("(define (domain d) (:types place) (:predicates (open ?p - place)))")
     kb.add("wp0 - place", "wp1 - place")
-    told = kb.add("(open wp0)", "(open wp1)").number
+    number = kb.add("(open wp0)", "(open wp1)").number
     ending = kb.add("(not (wp0 - place))", initial_time=clock.now() + 10).number
     following = kb.add("(not (open wp1))", initial_time=clock.now() + 20).number
     execute, _ = reading(kb)
     columns = "fact, recorded_tx, ended_by, ended_tx"
     rows = execute(f"SELECT {columns} FROM fact_history WHERE knowledge_base = '{kb.name}' ORDER BY initial_ns, fact")
     assert rows == [
-        ("(open wp0)", told, "object", ending),
-        ("(open wp1)", told, "replaced", following),
+        ("(open wp0)", number, "object", ending),
+        ("(open wp1)", number, "replaced", following),
         ("(not (open wp1))", following, None, None),
     ]

@@ -109,7 +109,7 @@ def imported(path, text):
 
 def harmless(path, header):
     """Whether a store that has been imported is like one that was written."""
-    allowed = ("the head is not at the last transaction's time", "the head does not tell what is present")
+    allowed = ("the head is not at the last transaction's time", "the head does not list what is present")
     with kbstore.open(path, "changed", clock=ManualClock(header["last_time"] + seconds(100))) as kb:
         found = [] if header["history_from"] else violations(*rooms.reading(kb))
         with suppress(KbStoreError):
