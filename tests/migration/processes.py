@@ -1,4 +1,4 @@
-"""What processes that migrate do."""
+"""The functions that migrating processes run."""
 
 import os
 import signal
@@ -22,7 +22,7 @@ def upgrade(url, barrier=None):
 
 
 def upgrade_killed_at(url, statement):
-    """Upgrade, and be killed (as by kill -9) when the given statement, counted from 1, is about to be sent."""
+    """Upgrade, and be killed (as by kill -9) right before the given statement, counted from 1, is sent."""
     sent = 0
 
     def count(*_):
@@ -50,18 +50,18 @@ RULES = {
 
 
 def live_under_rules(url):
-    """Set a store up, write and read it, and migrate it, in a program that has rules of its own for generic types."""
+    """Set a store up, write and read it, and migrate it, in a program with its own rules for generic types."""
     for name, other in RULES.items():
         compiles(getattr(sa, name))(lambda *_, other=other, **__: other)
     assert str(sa.BigInteger().compile()) == "INTEGER"
-    stored_mission.tell(url)
+    stored_mission.play(url)
     with kbstore.open(url, stored_mission.NAME) as kb:
-        stored_mission.told(kb)
+        stored_mission.check_answers(kb)
     schema.check(url)
     schema.downgrade(url, "0001", backup=False)
     schema.upgrade(url, backup=False)
     with kbstore.open(url, stored_mission.NAME, read_only=True) as kb:
-        stored_mission.told(kb)
+        stored_mission.check_answers(kb)
 
 
 def compile_under_rules():

@@ -1,4 +1,4 @@
-"""A small store written by hand in SQL, as revision 0001 keeps it, so that an upgrade has something to lose."""
+"""A small store written by hand in SQL, as revision 0001 stores it, so that an upgrade has data to lose."""
 
 import hashlib
 
@@ -52,7 +52,7 @@ ROWS = {
         {"recorded_tx": 1, "seq": 0, "timeline_id": 1, "initial_time": 10, "end_time": OPEN, "instance_type": "room"}
     ],
     "facts": [
-        # told at 10, replaced by its negation at 20, which transaction 3 took away at 30
+        # recorded at 10, replaced by its negation at 20, which transaction 3 removed at 30
         {"recorded_tx": 1, "seq": 1, "timeline_id": 2, "initial_time": 10, "end_time": 20, "level": 4, "ended_tx": 2},
         {"recorded_tx": 2, "seq": 0, "timeline_id": 2, "initial_time": 20, "end_time": 30, "level": 3, "ended_tx": 3},
         {"recorded_tx": 2, "seq": 1, "timeline_id": 4, "initial_time": 20, "end_time": OPEN},

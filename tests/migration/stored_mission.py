@@ -84,14 +84,14 @@ STATES = {
     },
     190: {},
 }
-"""What stands at a second; what a time does not name is empty then."""
+"""The state at a second; a part that is not named is empty then."""
 
 BELIEVED_AT_152_ABOUT_175 = ["(at Kenny wp1)", "(not (open wp0))"]
 OPEN_WP0 = [("(open wp0)", 160, 165, False), ("(not (open wp0))", 170, 170, True)]
 CLIENTS = ["", "mapper", "", "driver", "driver", "planner", "planner", "", "mapper", ""]
 
 
-def tell(url):
+def play(url):
     """Play the mission: ten transactions."""
     clock = ManualClock(seconds(100))
     with kbstore.open(url, NAME, clock=clock) as kb:
@@ -121,7 +121,7 @@ def tell(url):
         kb.clear()
 
 
-def told(kb):
+def check_answers(kb):
     """Check the answers of a knowledge base at many times."""
     for second, expected in STATES.items():
         assert shown(kb.state(at=seconds(second))) == {name: expected.get(name, []) for name in SHOWN}, second
@@ -139,7 +139,7 @@ SHOWN = ("instances", "facts", "functions", "inequalities", "goals", "metric", "
 
 
 def shown(state):
-    """A state as sorted texts; formulas in lower case, as older files hold the names in them as they were typed."""
+    """A state as sorted texts; formulas in lower case, as older files have names in them as typed."""
     return {
         "instances": texts(state.instances),
         "facts": texts(state.facts),
@@ -160,5 +160,5 @@ def texts(items):
 if __name__ == "__main__":
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "store.db"
-        tell(path)
+        play(path)
         (STORED / f"{schema.HEAD}.db.gz").write_bytes(gzip.compress(path.read_bytes(), mtime=0))

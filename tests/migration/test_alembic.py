@@ -1,4 +1,4 @@
-"""Plain `alembic` in a checkout does all that it usually does."""
+"""Plain `alembic` works in a checkout as usual."""
 
 import io
 import logging
@@ -22,7 +22,7 @@ INI = str(Path(__file__).parents[2] / "alembic.ini")
 
 @pytest.fixture
 def alembic():
-    """Runs a command of alembic with `-x` arguments, and returns what it wrote."""
+    """Run a command of alembic with `-x` arguments, and return its output."""
 
     def run(x, name, *arguments, **options):
         output = io.StringIO()
@@ -63,7 +63,7 @@ def test_check_leaves_an_empty_database_empty(alembic, empty, engine):
 
 
 def test_the_database_from_the_environment(alembic, tmp_path, monkeypatch):
-    """KBSTORE_URL names the database; `%` in it is no interpolation, and a path will do."""
+    """KBSTORE_URL names the database; `%` in it is no interpolation, and it may be a path."""
     monkeypatch.setenv("KBSTORE_URL", f"sqlite:///{tmp_path}/%(here)s 100%25.db")
     alembic([], "upgrade", "head")
     monkeypatch.setenv("KBSTORE_URL", f"{tmp_path}/plain%s.db")
@@ -79,7 +79,7 @@ def test_a_database_must_be_named(alembic, monkeypatch):
 
 
 def test_sql_for_sqlite(alembic, tmp_path):
-    """The script of `--sql`, run by SQLite, makes what the migrations make, in one transaction."""
+    """The script of `--sql`, run by SQLite, gives the same schema as the migrations, in one transaction."""
     script = alembic(["url=sqlite://"], "upgrade", "head", sql=True)
     assert script.startswith("BEGIN;")
     assert script.rstrip().endswith("COMMIT;")
@@ -95,7 +95,7 @@ def test_sql_for_sqlite(alembic, tmp_path):
 
 
 def test_sql_for_postgresql(alembic, postgresql_url):
-    """The script of `--sql` with a schema, run by PostgreSQL, makes a store in it; the way back empties it."""
+    """The script of `--sql` with a schema, run by PostgreSQL, creates a store in it; the downgrade empties it."""
     engine = sa.create_engine(postgresql_url)
     for name, revision in (("upgrade", "head"), ("downgrade", f"{schema.HEAD}:base")):
         script = alembic(["url=postgresql://", "schema=scripted"], name, revision, sql=True)
@@ -110,7 +110,7 @@ def test_sql_for_postgresql(alembic, postgresql_url):
 
 
 def test_the_hosts_logging_is_left_alone(empty):
-    """Migrating changes neither levels nor handlers, and writes nothing to the root logger's handlers by itself."""
+    """Migrating changes neither levels nor handlers, and writes nothing to the root logger's handlers."""
     root, own = logging.getLogger(), logging.getLogger("alembic")
     before = (root.level, list(root.handlers), own.level, list(own.handlers), own.disabled)
     schema.upgrade(empty)

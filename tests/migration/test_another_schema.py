@@ -1,4 +1,4 @@
-"""A store that has kbstore's revision, and was made or changed by somebody else, is refused in a sentence."""
+"""A store that has kbstore's revision, and was made or changed by another program, is refused in one sentence."""
 
 import pytest
 import sqlalchemy as sa
@@ -59,7 +59,7 @@ def change(engine, statements):
 
 @pytest.mark.parametrize("statements", BOTH)
 def test_another_schema_is_refused(engine, statements):
-    """Tables, columns, indexes and views are compared, on both engines; the sentence names what differs."""
+    """Tables, columns, indexes and views are compared, on both engines; the sentence names the differences."""
     change(engine, statements)
     for opening in (lambda: kbstore.open(engine.url), lambda: kbstore.open(engine), lambda: schema.check(engine.url)):
         with pytest.raises(
@@ -69,8 +69,8 @@ def test_another_schema_is_refused(engine, statements):
 
 
 @pytest.mark.parametrize("statements", SQLITE)
-def test_what_sqlite_would_run_is_refused(sqlite_file, statements):
-    """A trigger that is not kbstore's, and other words under the name of a view or an index."""
+def test_foreign_code_on_sqlite_is_refused(sqlite_file, statements):
+    """A trigger that is not kbstore's, and another statement under the name of a view or an index."""
     engine = make_engine(sqlite_file)
     kbstore.open(sqlite_file).close()
     change(engine, statements)
@@ -80,7 +80,7 @@ def test_what_sqlite_would_run_is_refused(sqlite_file, statements):
 
 
 @pytest.mark.parametrize("statements", POSTGRESQL)
-def test_what_a_server_would_run_is_refused(empty_schema, statements):
+def test_foreign_code_on_a_server_is_refused(empty_schema, statements):
     """A trigger, a rule or a constraint that is not kbstore's, and a column of another type or order."""
     engine = make_engine(empty_schema)
     kbstore.open(empty_schema).close()
@@ -92,7 +92,7 @@ def test_what_a_server_would_run_is_refused(empty_schema, statements):
 
 
 def test_an_index_may_be_built_again_meanwhile(empty_schema):
-    """What REINDEX CONCURRENTLY has half built, or has left after a failure, keeps nobody from opening."""
+    """An index that REINDEX CONCURRENTLY has half built, or left after a failure, does not prevent opening."""
     engine = make_engine(empty_schema)
     kbstore.open(empty_schema).close()
     change(engine, "CREATE INDEX ix_facts_begin_ccnew1 ON facts (kb_id, level, initial_time)")
@@ -107,7 +107,7 @@ def test_an_index_may_be_built_again_meanwhile(empty_schema):
 
 
 def test_a_view_that_calls_a_function_is_refused(empty_schema):
-    """A view is run with the rights of who asks it: on a server it reads kbstore's tables, and calls nothing else."""
+    """A view runs with the rights of its reader: on a server it may read kbstore's tables, and call no functions."""
     engine = make_engine(empty_schema)
     kbstore.open(empty_schema).close()
     change(engine, "CREATE FUNCTION g() RETURNS int LANGUAGE sql AS 'SELECT 1'")
@@ -117,8 +117,8 @@ def test_a_view_that_calls_a_function_is_refused(empty_schema):
     engine.dispose()
 
 
-def test_what_is_beside_is_nobodys_business(engine):
-    """A service's own tables, indexes, views and triggers stand beside kbstore's."""
+def test_tables_of_others_are_ignored(engine):
+    """A service's own tables, indexes, views and triggers may exist beside kbstore's."""
     change(engine, "CREATE TABLE orders (id INTEGER, item TEXT); CREATE INDEX ix_orders ON orders (item)")
     change(engine, "CREATE VIEW facts_and_orders AS SELECT item FROM orders")
     if engine.dialect.name == "sqlite":
@@ -128,7 +128,7 @@ def test_what_is_beside_is_nobodys_business(engine):
 
 
 def test_the_hash_is_that_of_the_migrations(sqlite_file):
-    """The stored hash is that of the schema which the migrations make, however many steps they take."""
+    """The stored hash is that of the schema which the migrations make, in any number of steps."""
     schema.upgrade(sqlite_file, "0001")
     schema.upgrade(sqlite_file)
     engine = make_engine(sqlite_file)
@@ -137,8 +137,8 @@ def test_the_hash_is_that_of_the_migrations(sqlite_file):
     engine.dispose()
 
 
-def test_other_white_space_is_no_other_schema(sqlite_file):
-    """Where the statements differ, columns, indexes and views are compared one by one."""
+def test_white_space_does_not_matter(sqlite_file):
+    """Where only white space in the statements differs, columns, indexes and views are compared one by one."""
     kbstore.open(sqlite_file).close()
     engine = make_engine(sqlite_file)
     with engine.connect() as connection:
@@ -152,7 +152,7 @@ def test_other_white_space_is_no_other_schema(sqlite_file):
 
 
 def test_a_foreign_key_that_deletes_rows(sqlite_file):
-    """In an SQLite file, too, keys are compared with what they do."""
+    """In an SQLite file, too, foreign keys are compared with their actions."""
     kbstore.open(sqlite_file).close()
     engine = make_engine(sqlite_file)
     with engine.connect() as connection:
@@ -167,8 +167,8 @@ def test_a_foreign_key_that_deletes_rows(sqlite_file):
     engine.dispose()
 
 
-def test_a_pool_asks_once(empty_schema):
-    """On a server the catalogue is asked once for each engine."""
+def test_the_schema_is_checked_once_for_a_pool(empty_schema):
+    """On a server the catalogue is read once for each engine."""
     engine = sa.create_engine(empty_schema)
     for _ in range(2):
         # the first one sets the schema up

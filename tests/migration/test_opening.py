@@ -1,4 +1,4 @@
-"""What opening a database does about its schema."""
+"""Checking, and setting up, the schema of a database when it is opened."""
 
 import inspect
 import shutil
@@ -31,7 +31,7 @@ def test_an_empty_database_is_set_up(engine):
 
 @pytest.mark.parametrize("place", [(schema, "_taken"), (sa, "inspect")])
 def test_a_database_that_another_process_sets_up_meanwhile(engine, monkeypatch, place):
-    """Whichever look at it comes after that, it is opened like one that was there."""
+    """At whichever query of the check the other process is done, the store is opened like an existing one."""
     owner, name = place
     look = getattr(owner, name)
 
@@ -62,7 +62,7 @@ def new_engine(request, tmp_path):
 
 
 def test_each_sqlite_store_gets_the_same_schema(new_engine):
-    """It has all tables, indexes and views as migrated, whether the process has made one before or not."""
+    """It has all tables, indexes and views of the migrations, also for a second store of the process."""
     found = []
     for _ in range(2):
         engine = new_engine()
@@ -75,8 +75,8 @@ def test_each_sqlite_store_gets_the_same_schema(new_engine):
     assert found[0] == found[1] >= tables.metadata.tables.keys()
 
 
-def test_whoever_sets_a_file_up_first_is_not_disturbed(tmp_path, monkeypatch):
-    """A store that another one makes right before the lock is taken keeps what has been written to it."""
+def test_a_store_created_meanwhile_keeps_its_data(tmp_path, monkeypatch):
+    """A store that another process creates right before the lock is taken keeps its data."""
     path, other = tmp_path / "store.db", tmp_path / "other.db"
     with kbstore.open(other, "first") as kb:
         kb.add("(here)")
@@ -94,7 +94,7 @@ def test_whoever_sets_a_file_up_first_is_not_disturbed(tmp_path, monkeypatch):
 
 
 def test_a_file_without_room_for_the_schema_stays_empty(tmp_path):
-    """A disk that is full in the middle of the schema leaves nothing of it."""
+    """A disk that becomes full while the schema is created leaves nothing of it."""
     kbstore.open("sqlite://").close()
     engine = make_engine(tmp_path / "store.db")
     sa.event.listen(engine, "connect", lambda driver, _: driver.execute("PRAGMA max_page_count = 20"))
@@ -104,8 +104,8 @@ def test_a_file_without_room_for_the_schema_stays_empty(tmp_path):
     engine.dispose()
 
 
-def test_a_services_own_tables_stay_as_they_are(new_engine):
-    """A store beside a service's tables is made without touching them, and no other store gets them."""
+def test_a_services_own_tables_are_not_touched(new_engine):
+    """A store beside a service's tables is created without touching them, and no other store gets them."""
     for _ in range(2):
         engine = new_engine()
         with engine.begin() as connection:
@@ -120,7 +120,7 @@ def test_a_services_own_tables_stay_as_they_are(new_engine):
 
 
 def test_opening_again_is_cheap():
-    """Checking a schema that is current costs two queries: for its revision, and for the statements that made it."""
+    """Checking a current schema needs two queries: for its revision, and for its statements."""
     engine = make_engine("sqlite://")
     schema.ensure(engine, read_only=False)
     statements = []
@@ -140,7 +140,7 @@ def test_an_older_schema_is_refused(engine):
 
 
 def test_a_newer_schema_is_refused(engine):
-    """Four digits after this kbstore's revision are a newer schema, which is not written to."""
+    """A number of four digits above this kbstore's revision is a newer schema, which is not written to."""
     schema.upgrade(engine.url)
     stamp(engine, "0999")
     with pytest.raises(SchemaTooNew, match=rf"0999.*{schema.HEAD}.*kbstore db downgrade {schema.HEAD}"):
@@ -151,7 +151,7 @@ def test_a_newer_schema_is_refused(engine):
 
 @pytest.mark.parametrize("revision", ["0000", "a1b2c3d4e5f6", "12345", ""])
 def test_an_unknown_schema_is_refused(engine, revision):
-    """A stamp that is none of kbstore's is refused with it and with this kbstore's revision."""
+    """An unknown stamp is refused, naming it and this kbstore's revision."""
     schema.upgrade(engine.url)
     stamp(engine, revision)
     with pytest.raises(SchemaUnknown, match=rf"'{revision}'.*{schema.HEAD}.*kbstore db history"):
@@ -172,7 +172,7 @@ def test_two_stamps_are_refused(engine):
 
 
 def test_tables_of_another_program_under_our_names_are_refused(engine):
-    """A table with one of kbstore's names, without kbstore's stamp, is somebody else's."""
+    """A table with one of kbstore's names, without kbstore's stamp, belongs to another program."""
     with engine.begin() as connection:
         connection.exec_driver_sql("CREATE TABLE transactions (amount INTEGER)")
     for refused in (
@@ -201,15 +201,15 @@ def test_a_services_own_tables_stay(engine):
 
 
 def test_an_empty_database_is_not_set_up_read_only(engine):
-    """Opened read-only, an empty database stays empty; the refusal tells what sets it up."""
+    """Opened read-only, an empty database stays empty; the refusal says how to set it up."""
     engine.connect().close()
     with pytest.raises(SchemaOutOfDate, match=r"no schema yet.*kbstore db upgrade"):
         schema.ensure(engine, read_only=True)
     assert not rows_0001.objects(engine)
 
 
-def test_a_file_that_is_not_there_is_not_made_by_reading(sqlite_file):
-    """Asking about a store that does not exist makes no file."""
+def test_reading_does_not_create_a_file(sqlite_file):
+    """Asking about a store that does not exist creates no file."""
     engine = make_engine(sqlite_file)
     with pytest.raises(StoreUnavailable, match="no store at"):
         schema.ensure(engine, read_only=True)
@@ -218,7 +218,7 @@ def test_a_file_that_is_not_there_is_not_made_by_reading(sqlite_file):
     assert not sqlite_file.exists()
 
 
-def test_a_file_that_is_no_database_is_refused(sqlite_file):
+def test_a_file_that_is_not_a_database_is_refused(sqlite_file):
     """A file of another kind is `StoreUnavailable`, and stays as it is."""
     sqlite_file.write_bytes(b"(define (domain d))" * 100)
     with pytest.raises(StoreUnavailable, match="not a database"):
@@ -226,8 +226,8 @@ def test_a_file_that_is_no_database_is_refused(sqlite_file):
     assert sqlite_file.read_bytes() == b"(define (domain d))" * 100
 
 
-def test_check_waits_for_another_ones_upgrade(sqlite_file, monkeypatch):
-    """`check` with a time to wait returns as soon as the schema is current, and raises when the time is over."""
+def test_check_waits_for_the_upgrade_of_another_process(sqlite_file, monkeypatch):
+    """`check` with a timeout returns as soon as the schema is current, and raises after the timeout."""
     sqlite3.connect(sqlite_file).close()
     with pytest.raises(SchemaOutOfDate):
         schema.check(sqlite_file, wait=0.01)
@@ -237,7 +237,7 @@ def test_check_waits_for_another_ones_upgrade(sqlite_file, monkeypatch):
 
 
 def test_a_schema_of_its_own_on_postgresql(postgresql_url):
-    """With a schema name, kbstore lives in that schema, made where it is missing; nothing else is touched."""
+    """With a schema name, kbstore uses that schema, created if missing; nothing else is touched."""
     name = "Fleet of robots"
     engine = make_engine(postgresql_url)
     with engine.connect() as connection:
@@ -265,9 +265,9 @@ def test_a_schema_is_postgresqls(sqlite_file):
 
 @pytest.mark.parametrize("kind", ["url", "engine"])
 def test_a_knowledge_base_in_a_schema(postgresql_url, kind, tmp_path):
-    """`kbstore.open(..., schema=...)` makes the schema and lives in it, also on an engine of the caller's.
+    """`kbstore.open(..., schema=...)` creates the schema and uses it, also on a caller's engine.
 
-    It sets no search path, so that all that it does names the schema; what another schema has is another store's.
+    It sets no search path, so all of its statements name the schema; another schema is another store.
     """
     name = f'Fleet "100%" of {kind}'
     options = {"options": "-c search_path=pg_catalog"}
@@ -311,7 +311,7 @@ def test_a_knowledge_base_in_a_schema(postgresql_url, kind, tmp_path):
 
 
 def test_a_schema_in_the_url(postgresql_url, tmp_path):
-    """`?schema=...` is as good as `schema=`: whatever takes a URL works there, and nothing is made elsewhere."""
+    """`?schema=...` equals `schema=`: every function that takes a URL uses it, and creates nothing elsewhere."""
     url = f"{postgresql_url}{'&' if '?' in postgresql_url else '?'}schema=in_the_url"
     with kbstore.open(url, "kenny") as kb:
         kb.add("(here)")
@@ -342,7 +342,7 @@ def test_a_schema_in_the_url(postgresql_url, tmp_path):
 
 
 def test_a_database_that_rounds_numbers(empty_database):
-    """A server that says 0.3 where 0.1 + 0.2 is stored is refused, by a URL and on an engine, with what to do."""
+    """A server that returns 0.3 where 0.1 + 0.2 is stored is refused, by a URL and on an engine, with what to do."""
     engine = sa.create_engine(empty_database)
     with kbstore.open(engine) as kb:
         kb.add(f"(= (f) {0.1 + 0.2!r})")
@@ -356,7 +356,7 @@ def test_a_database_that_rounds_numbers(empty_database):
 
 
 def test_a_connection_with_another_encoding(empty_database, monkeypatch):
-    """Connections by a URL have UTF-8, whatever is set around them; an engine whose have another one is refused."""
+    """Connections by a URL use UTF-8 in any environment; an engine with another encoding is refused."""
     monkeypatch.setenv("PGCLIENTENCODING", "LATIN1")
     with kbstore.open(empty_database) as kb:
         kb.add("(p)", note="雪")
@@ -368,7 +368,7 @@ def test_a_connection_with_another_encoding(empty_database, monkeypatch):
 
 
 def test_a_database_without_an_encoding(postgresql_url):
-    """A database in SQL_ASCII, from which text comes back as bytes, is refused in a sentence."""
+    """A database in SQL_ASCII, which returns text as bytes, is refused in one sentence."""
     admin = sa.create_engine(postgresql_url, isolation_level="AUTOCOMMIT")
     with admin.connect() as connection:
         connection.exec_driver_sql(
@@ -387,7 +387,7 @@ def test_a_database_without_an_encoding(postgresql_url):
 
 
 def test_functions_of_a_file_from_elsewhere_are_not_run(sqlite_file):
-    """A view that calls a function of the process is not evaluated in a store that may be somebody else's work."""
+    """A view that calls a function of the process is not evaluated in a store of unknown origin."""
     kbstore.open(sqlite_file).close()
     with kbstore.open(sqlite_file) as kb, kb._database.connect() as connection:
         connection.driver.create_function("harm", 0, lambda: 1)
@@ -397,7 +397,7 @@ def test_functions_of_a_file_from_elsewhere_are_not_run(sqlite_file):
 
 
 def test_no_schema_on_sqlite_when_opening(sqlite_file):
-    """SQLite has no schemas: opening in one is refused, and makes no file."""
+    """SQLite has no schemas: a schema is refused, and no file is created."""
     for place in (sqlite_file, sa.create_engine(f"sqlite:///{sqlite_file}")):
         with pytest.raises(StoreUnavailable, match="schemas are PostgreSQL's"):
             kbstore.open(place, schema="fleet")
@@ -405,14 +405,14 @@ def test_no_schema_on_sqlite_when_opening(sqlite_file):
 
 
 def test_the_names_of_views(engine):
-    """The views that an empty database is given are those whose names are looked for in others' databases."""
+    """The views of a new store are those whose names are looked for in other programs' databases."""
     schema.ensure(engine, read_only=False)
     with engine.connect() as connection:
         assert set(sa.inspect(connection).get_view_names()) == set(schema.VIEWS)
 
 
 def test_a_store_beside_a_services_own_tables(engine):
-    """A service and kbstore share a database: each has its tables, and goes on with them."""
+    """A service and kbstore share a database: each has its tables, and continues to use them."""
     with engine.begin() as connection:
         connection.exec_driver_sql("CREATE TABLE orders (id INTEGER PRIMARY KEY, item TEXT)")
         connection.exec_driver_sql("INSERT INTO orders VALUES (1, 'cup')")

@@ -10,7 +10,7 @@ from kbstore.storage import schema, tables
 
 
 def statements(engine):
-    """The statements that SQLite keeps of its tables and indexes."""
+    """The statements that SQLite stores for its tables and indexes."""
     with engine.connect() as connection:
         rows = connection.exec_driver_sql(
             "SELECT name, sql FROM sqlite_master WHERE sql IS NOT NULL AND type <> 'view' AND name <> ?",
@@ -20,7 +20,7 @@ def statements(engine):
 
 
 def catalogue(engine):
-    """What PostgreSQL's catalogue knows of the columns, indexes and constraints in the current schema."""
+    """The columns, indexes and constraints of the current schema in PostgreSQL's catalogue."""
     questions = (
         "SELECT table_name, column_name, data_type, is_nullable, collation_name, column_default"
         " FROM information_schema.columns c JOIN information_schema.tables t USING (table_schema, table_name)"
@@ -40,7 +40,7 @@ def catalogue(engine):
 
 
 def test_migrations_make_the_tables_of_the_metadata_on_sqlite(sqlite_file):
-    """Every table and index that the migrations leave is, to the letter, the one that the metadata declares."""
+    """Every table and index that the migrations make is, to the letter, the one that the metadata declares."""
     schema.upgrade(sqlite_file)
     migrated = sa.create_engine(f"sqlite:///{sqlite_file}")
     declared = sa.create_engine("sqlite://")
@@ -51,7 +51,7 @@ def test_migrations_make_the_tables_of_the_metadata_on_sqlite(sqlite_file):
 
 
 def test_migrations_make_the_tables_of_the_metadata_on_postgresql(postgresql_url, empty_schema):
-    """PostgreSQL's catalogue says the same of the migrated schema as of the declared one."""
+    """PostgreSQL's catalogue is the same for the migrated schema as for the declared one."""
     schema.upgrade(empty_schema)
     migrated = sa.create_engine(empty_schema)
     declared = sa.create_engine(schema.in_schema(postgresql_url, "declared"))

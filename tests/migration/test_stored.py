@@ -37,7 +37,7 @@ def copied(path, revision, url):
 
 @pytest.fixture(params=["sqlite", "postgresql"])
 def url(request, tmp_path):
-    """Puts the stored file of a revision into a store on each engine; its URL."""
+    """Put the stored file of a revision into a store on each engine; return its URL."""
 
     def unpacked(revision):
         path = stored(revision, tmp_path / "store.db")
@@ -51,13 +51,13 @@ def url(request, tmp_path):
 
 
 def test_every_schema_has_its_file():
-    """Whoever adds a revision adds a database file of it."""
+    """A new revision needs a database file."""
     assert sorted(path.name for path in stored_mission.STORED.iterdir()) == [f"{number}.db.gz" for number in REVISIONS]
 
 
 @pytest.mark.parametrize("revision", REVISIONS)
 def test_up_and_down_and_up_again(url, revision):
-    """What was stored under a schema answers the same under today's, also after a way back and forth."""
+    """The stored data gives the same answers under today's schema, also after a downgrade and an upgrade."""
     url = url(revision)
     assert schema.current(url) == revision
     for _ in range(2):
@@ -66,16 +66,16 @@ def test_up_and_down_and_up_again(url, revision):
                 kbstore.open(url, stored_mission.NAME)
         schema.upgrade(url, backup=False)
         with kbstore.open(url, stored_mission.NAME, clock=ManualClock(seconds(200)), read_only=True) as kb:
-            stored_mission.told(kb)
+            stored_mission.check_answers(kb)
         schema.downgrade(url, REVISIONS[0] if revision == schema.HEAD else revision, backup=False)
     schema.upgrade(url, backup=False)
     with kbstore.open(url, stored_mission.NAME, clock=ManualClock(seconds(200))) as kb:
         assert kb.add("wp2 - place", "(open wp2)").number == len(stored_mission.CLIENTS) + 1
-        stored_mission.told(kb)
+        stored_mission.check_answers(kb)
 
 
-def test_the_story_is_as_it_is_told(tmp_path):
+def test_the_mission_gives_the_same_answers_today(tmp_path):
     """Today's kbstore plays the mission with the same answers as those that wrote the files."""
-    stored_mission.tell(tmp_path / "today.db")
+    stored_mission.play(tmp_path / "today.db")
     with kbstore.open(tmp_path / "today.db", stored_mission.NAME, clock=ManualClock(seconds(200))) as kb:
-        stored_mission.told(kb)
+        stored_mission.check_answers(kb)

@@ -1,4 +1,4 @@
-"""Upgrades and downgrades that can't hurt."""
+"""Upgrades and downgrades without loss."""
 
 import os
 import shutil
@@ -64,7 +64,7 @@ def upgrade_with(config, engine):
 
 
 def test_data_survives_up_and_down(engine):
-    """An upgrade and a downgrade keep every row as it is, and a downgrade to nothing leaves nothing."""
+    """An upgrade and a downgrade keep every row, and a downgrade to nothing leaves nothing."""
     url = engine.url
     assert schema.upgrade(url, "0001") == (None, "0001", None)
     filled = rows_0001.fill(engine)
@@ -82,13 +82,13 @@ def test_data_survives_up_and_down(engine):
     }
 
 
-def test_upgrading_what_is_current_does_nothing(engine):
+def test_upgrading_a_current_schema_does_nothing(engine):
     """An upgrade without steps makes no copy and answers with the same revision twice."""
     schema.upgrade(engine.url)
     assert schema.upgrade(engine.url) == (schema.HEAD, schema.HEAD, None)
 
 
-def test_a_revision_that_there_is_not(engine):
+def test_an_unknown_revision_is_refused(engine):
     """Asking for a revision that does not exist is refused, and nothing changes."""
     with pytest.raises(SchemaUnknown, match="0777"):
         schema.upgrade(engine.url, "0777")
@@ -111,7 +111,7 @@ def test_an_sqlite_file_is_copied_first(sqlite_file):
     assert sorted(path.name for path in copy.parent.iterdir()) == [sqlite_file.name, copy.name]
 
 
-def test_no_copy_where_none_is_wanted_or_needed(sqlite_file):
+def test_no_copy_of_an_empty_database_or_without_backup(sqlite_file):
     """An empty database is not copied, nor is one with `backup=False`."""
     assert schema.upgrade(sqlite_file, "0001").copy is None
     assert schema.upgrade(sqlite_file, backup=False).copy is None
@@ -119,7 +119,7 @@ def test_no_copy_where_none_is_wanted_or_needed(sqlite_file):
 
 
 def test_nothing_is_changed_where_the_copy_fails(sqlite_file, monkeypatch):
-    """Without room for the copy there is no upgrade, and no half of a copy."""
+    """Without room for the copy there is no upgrade, and no partial copy."""
 
     def full(*_):
         raise sqlite3.OperationalError("database or disk is full")
@@ -133,7 +133,7 @@ def test_nothing_is_changed_where_the_copy_fails(sqlite_file, monkeypatch):
 
 
 def test_a_migration_that_fails_leaves_nothing(engine, tmp_path):
-    """An exception in the middle of a migration takes back all of it, and all migrations before it of the same run."""
+    """An exception in a migration rolls it back, and all earlier migrations of the same run."""
     schema.upgrade(engine.url, "0001")
     filled = rows_0001.fill(engine)
     before = rows_0001.objects(engine)
@@ -145,7 +145,7 @@ def test_a_migration_that_fails_leaves_nothing(engine, tmp_path):
 
 
 def test_a_migration_that_loses_rows_is_undone(engine, tmp_path):
-    """Rows are counted: where a table has fewer of them afterwards, all is taken back."""
+    """Rows are counted: where a table has fewer of them afterwards, all is rolled back."""
     schema.upgrade(engine.url)
     filled = rows_0001.fill(engine)
     with pytest.raises(CommandError, match="facts: 1, mentions: 1"):
@@ -161,7 +161,7 @@ def test_a_migration_that_loses_rows_is_undone(engine, tmp_path):
 
 
 def test_a_migration_that_orphans_rows_is_undone_on_sqlite(sqlite_file, tmp_path):
-    """Foreign keys are off meanwhile on SQLite, and checked before the end."""
+    """Foreign keys are off during migrations on SQLite, and checked before the end."""
     schema.upgrade(sqlite_file)
     engine = sa.create_engine(f"sqlite:///{sqlite_file}")
     filled = rows_0001.fill(engine)
@@ -171,8 +171,8 @@ def test_a_migration_that_orphans_rows_is_undone_on_sqlite(sqlite_file, tmp_path
     engine.dispose()
 
 
-def test_a_table_made_anew_keeps_its_children_on_sqlite(sqlite_file, tmp_path):
-    """SQLite alters a table by making it anew: under foreign keys that would delete or orphan what refers to it."""
+def test_a_recreated_table_keeps_its_children_on_sqlite(sqlite_file, tmp_path):
+    """SQLite alters a table by creating it again, which with foreign keys on would delete or orphan its children."""
     schema.upgrade(sqlite_file, "0001")
     body = 'with op.batch_alter_table("timelines") as batch: batch.alter_column("spelling", new_column_name="shown")'
     engine = sa.create_engine(f"sqlite:///{sqlite_file}")
@@ -205,7 +205,7 @@ def test_several_processes_upgrade_at_once(empty):
 
 @pytest.mark.parametrize("old", [False, True], ids=["empty", "0001"])
 def test_killed_at_any_statement(empty, old):
-    """Killed at any of its statements, an upgrade leaves the old schema, and the next one finishes with all data."""
+    """Killed at any of its statements, an upgrade leaves the old schema, and the next one succeeds with all data."""
     engine = sa.create_engine(empty)
     filled = fill_old(empty, engine) if old else None
     before = rows_0001.objects(engine)

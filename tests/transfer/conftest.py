@@ -1,4 +1,4 @@
-"""One archive for many tests: a file holds the history of many knowledge bases, and takes time to make."""
+"""One archive for many tests: a file has the history of many knowledge bases, and is slow to create."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Random changes of an export, with checksums that fit: what a hostile hand, or a bug elsewhere, would make."""
+"""Random changes of an export, with valid checksums, as an attacker or a bug elsewhere would make them."""
 
 import json
 from zlib import crc32
@@ -11,7 +11,7 @@ JUNK = (
 
 
 def sealed(lines):
-    """Lines with checksums that fit."""
+    """Lines with valid checksums."""
     seal, text = 0, b""
     for line in lines:
         body = (line if isinstance(line, str) else json.dumps(line)).encode()[:-1]
@@ -29,7 +29,7 @@ def unsealed(text):
 
 
 def mutated(lines, chance):
-    """The lines with one random change, now and then two; and what was changed."""
+    """The lines with one random change, now and then two; and a description of the changes."""
     lines = [dict(line) for line in lines]
     number = 0 if chance.random() < 0.1 else chance.randrange(len(lines))
     line = lines[number]
@@ -56,7 +56,7 @@ def mutated(lines, chance):
 
 
 def _near(value, chance):
-    """A value that is not far from another."""
+    """A value close to another."""
     if isinstance(value, bool):
         return not value
     if isinstance(value, int):

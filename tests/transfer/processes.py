@@ -1,4 +1,4 @@
-"""What processes that archive or push do: they are killed at a given call of the database."""
+"""The functions of processes that archive or push, and are killed at a given call of the database."""
 
 import os
 import signal
@@ -12,7 +12,7 @@ CALLS = ("begin", "commit", "run", "many")
 
 
 def calling(act):
-    """Have `act` called before each call of the database that writes; returns what takes that back."""
+    """Have `act` called before each writing call of the database; return a function that undoes this."""
     originals = {name: getattr(StoreConnection, name) for name in CALLS}
 
     def wrapped(original):
@@ -61,7 +61,7 @@ def push(url, name, target, chunk, killed_at):
 
 
 def killed(act, *arguments):
-    """Do something in a process of its own; its exit code."""
+    """Run a function in a process of its own; return its exit code."""
     process = start(act, *arguments)
     process.join(TOO_LONG)
     return process.exitcode

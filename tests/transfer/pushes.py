@@ -1,4 +1,4 @@
-"""Stories that are pushed, and what tells two copies apart."""
+"""Stories that are pushed, and comparisons of two copies."""
 
 import io
 import json
@@ -20,10 +20,10 @@ def export(url, name):
 
 
 def rows(exported):
-    """What an export says, but for what may differ where a copy is not at its source's last transaction.
+    """The rows of an export, without those that may differ while a copy is behind its source.
 
-    What is derived for later times is derived anew there, under another key; which kinds of rows there are, and which
-    objects the metric mentions, may come sooner.
+    Rows derived for later times are derived again there, under another key; flags of which kinds of rows there are, and
+    which objects the metric mentions, may be set sooner.
     """
     head, *lines = [json.loads(line) for line in exported.splitlines()][:-1]
     ahead = {
@@ -42,9 +42,9 @@ def rows(exported):
 
 
 def live_with_tanks(kb, clock, seed, steps):
-    """Live with numbers that follow what their rates read, schedules included (rule O5); yields after each step.
+    """Make numbers follow what their rates read, schedules included (rule O5); yield after each step.
 
-    Times and numbers are no round ones: what is derived anew has to be the same to the last bit.
+    Times and numbers are not round: derived rows have to be the same to the last bit.
     """
     chance = random.Random(seed)
     runs = {}
@@ -78,7 +78,7 @@ def live_with_tanks(kb, clock, seed, steps):
 
 
 class following:
-    """A push that follows, in a thread, for a while."""
+    """Run a following push in a thread, inside the block."""
 
     def __init__(self, kb, target, *arguments):
         self._kb = kb
@@ -102,7 +102,7 @@ class following:
 
 
 def same(source, target, name):
-    """Whether the copy is the source already."""
+    """Whether the copy equals the source already."""
     try:
         return export(target, name) == export(source, name)
     except kbstore.KbStoreError:

@@ -1,4 +1,4 @@
-"""Random histories of a knowledge base, and everything that can be asked about one, for comparing answers."""
+"""Random histories of a knowledge base, and all questions about one, for comparing answers."""
 
 import random
 from collections.abc import Iterator
@@ -34,11 +34,10 @@ CONDITIONS = ("(lit)", "(not (open a))", "(>= (cost) 4)", "(exists (?p - place) 
 
 
 def live(kb, clock: ManualClock, seed: int, steps: int, *, late: bool = False) -> Iterator[int]:
-    """Live step by step, always the same way for a seed; yields the time of each step, before it is done.
+    """Write step by step, always in the same way for a seed; yield the time of each step before it.
 
-    With `late`, every other step tells of the past.
-
-    What is scheduled, and what runs, is ahead of the clock by some seconds, so that it is cut by any later time.
+    With `late`, every other step is late knowledge. Schedules and runs are ahead of the clock by some seconds, so that
+    any later time cuts them.
     """
     chance = random.Random(seed)
     yield clock.now()
@@ -112,7 +111,7 @@ def _late_step(kb, chance: random.Random, now: int) -> None:
 
 
 def picture(state) -> dict[str, object]:
-    """All that a state says."""
+    """All content of a state."""
 
     def timed(items):
         return sorted((item.initial_time, str(item)) for item in items)
@@ -131,21 +130,21 @@ def picture(state) -> dict[str, object]:
 
 
 def assertion(found) -> tuple[object, ...]:
-    """All that an assertion says."""
+    """All content of an assertion."""
     transactions = found.recorded, found.ended, found.cancelled, found.superseded
     return str(found.item), found.initial_time, found.end_time, *transactions
 
 
 def change(found) -> tuple[object, ...]:
-    """All that a change says."""
+    """All content of a change."""
     parts = found.asserted, found.ended, found.cancelled, found.superseded
     return found.number, found.time, found.transaction, *(sorted(map(repr, map(assertion, part))) for part in parts)
 
 
 def answers(kb, since: int, until: int, last: int = 0, *, expected: bool = True) -> dict[object, object]:
-    """What a knowledge base answers about the times in ``[since, until]``: states, beliefs, history, changes.
+    """The answers of a knowledge base about the times in ``[since, until]``: states, beliefs, history, changes.
 
-    `last` is the number of the last transaction before `since`. With `expected`, also about what lies after.
+    `last` is the number of the last transaction before `since`. With `expected`, also about later times.
     """
     changes = list(kb.changes(last))
     times = sorted({since, since + 1, until, *(t for c in changes for t in (c.time, c.time - 1, c.time + seconds(1)))})

@@ -1,4 +1,4 @@
-"""Archiving, on a life worked out by hand: what moves, what stays, what is refused."""
+"""Archiving, on a story worked out by hand: what is moved, what stays, what is refused."""
 
 import re
 import sqlite3
@@ -23,16 +23,16 @@ from tests.transfer import random_histories
 
 
 def at(n):
-    """The n-th second of the life."""
+    """The n-th second of the story."""
     return seconds(1000 + n)
 
 
 @pytest.fixture
 def kb(open_kb, clock):
-    """A life of 50 seconds: transaction 1 is the domain, 2 the objects, and then one every ten seconds.
+    """A story of 50 seconds: transaction 1 is the domain, 2 the objects, and then one every ten seconds.
 
-    The hall is open from 10 to 20 and from 40 on; it rains from 10 on; the battery is at 80 from 10, at 70 from 30
-    on; the galley is open from 20, and at 30 it is scheduled to be closed at 60. The last transaction is at 50.
+    The hall is open from 10 to 20 and from 40 on; it rains from 10 on; the battery is at 80 from 10, at 70 from 30 on;
+    the galley is open from 20, and at 30 it is scheduled to be closed at 60. The last transaction is at 50.
     """
     kb = open_kb()
     kb.load(DOMAIN)
@@ -57,7 +57,7 @@ def kb(open_kb, clock):
 
 @pytest.fixture
 def archived(kb, archive_path):
-    """The same, with what was before the 35th second in the archive."""
+    """The same, with everything before the 35th second in the archive."""
     assert kb.archive(at(35), archive_path) == Archived(archive_path, at(35), 2)
     return kb
 
@@ -93,8 +93,8 @@ def answered(kb, questions, refusal):
 # -- the store afterwards -----------------------------------------------------------------------------------------
 
 
-def test_the_store_knows_what_stood_and_since_when(archived):
-    """Q7, Q1: what began before, and stood at that time or later, is kept whole, with its transaction."""
+def test_current_assertions_are_kept_with_their_initial_times(archived):
+    """Q7, Q1: assertions that began before, and hold at that time or later, are kept whole, with their transactions."""
     assert archived.history_from == at(35)
     state = archived.state(at=at(35))
     assert texts(state.facts) == ["(open galley)", "(raining)"]
@@ -110,7 +110,7 @@ def test_the_store_knows_what_stood_and_since_when(archived):
     assert archived.domain.name == "rooms"
 
 
-def test_what_overlaps_is_listed_whole(archived):
+def test_overlapping_assertions_are_listed_whole(archived):
     """Q3: a row that began before and ended later is listed with its true beginning; cancelled ones are, too."""
     (raining,) = archived.history("(raining)", since=at(35))
     assert (raining.initial_time, raining.recorded.number) == (at(10), 3)
@@ -142,23 +142,23 @@ QUESTIONS = {
     "when": lambda kb: kb.when("(raining)", at(34), at(40)),
     "diff": lambda kb: kb.diff(at(34), at(40)),
     "all changes": lambda kb: list(kb.changes()),
-    # its transaction is kept, as (raining) still refers to it, but not all that it did
+    # its transaction is kept, as (raining) still refers to it, but not all of its changes
     "changes after one that is archived in part": lambda kb: list(kb.changes(after=2)),
     "changes after one that is archived": lambda kb: list(kb.changes(after=4)),
     "watch": lambda kb: list(kb.watch(after=3, timeout=0)),
-    # what the clock brought about after transaction 5, at 30, might lie before 35
+    # changes by the clock after transaction 5, at 30, might lie before 35
     "watch what came by the clock": lambda kb: list(kb.watch(after=5, timeout=0)),
     "the problem": lambda kb: kb.to_pddl(at=at(34)),
 }
 
 
-def test_what_needs_the_past_is_refused(archived):
-    """Q7: any question that needs what was archived is HistoryUnavailable, and says from when on history is kept."""
+def test_questions_about_archived_history_are_refused(archived):
+    """Q7: any question that needs archived history is HistoryUnavailable, with the time from which history is kept."""
     assert answered(archived, QUESTIONS, r"from 1970-01-01T00:17:15Z on.*ask the archive") == []
 
 
-def test_why_something_is_absent_may_be_archived(archived):
-    """V6, Q7: that a fact was never told cannot be said of one that was told before; of others it can."""
+def test_the_reason_of_an_absent_fact_may_be_archived(archived):
+    """V6, Q7: the reason "never told" is refused for a fact that has archived assertions, and given for others."""
     with pytest.raises(HistoryUnavailable, match=r"\(open hall\)"):
         archived.explain("(open hall)", at=at(36))
     assert archived.explain("(open wp1)", at=at(36)).reason == "never told"
@@ -166,7 +166,7 @@ def test_why_something_is_absent_may_be_archived(archived):
 
 
 def test_an_operator_whose_condition_failed_before(open_kb, clock, archive_path):
-    """O1, Q7: what fails is named, also where since when it fails has been archived; nothing is started."""
+    """O1, Q7: failing conditions are named, also where the time since when is archived; nothing is started."""
     kb = open_kb()
     kb.load(random_histories.DOMAIN.replace("(at start (not (busy ?r)))", "(at start (lit))"))
     kb.add("a - place", "r - robot", "(lit)", "(= (cost) 0)", "(= (battery r) 50)")
@@ -191,8 +191,8 @@ def test_changes_go_on_after_the_archive(archived):
     assert [change.number for change in archived.watch(after=changes[0], timeout=0)] == [7]
 
 
-def test_a_watch_goes_on_through_archiving(kb, clock, archive_path):
-    """Q6: a follower that is up to date before its past is archived misses nothing, nor what the clock brings."""
+def test_a_watch_continues_through_archiving(kb, clock, archive_path):
+    """Q6: a follower that is up to date before archiving misses nothing, nor changes by the clock."""
     *_, seen = kb.changes()
     kb.archive(at(50), archive_path)
     clock.set(at(61))
@@ -205,14 +205,14 @@ def test_a_watch_goes_on_through_archiving(kb, clock, archive_path):
     ]
 
 
-def test_beliefs_since_then_are_right(archived):
-    """Q2: what was believed at that time or later about later times is as it was."""
+def test_beliefs_since_the_archived_time_are_unchanged(archived):
+    """Q2: beliefs as of that time or later, about later times, are as they were."""
     assert texts(archived.state(at=at(45), as_of=at(35)).facts) == ["(near kenny wp0)", "(open galley)", "(raining)"]
     assert texts(archived.state(at=at(45), as_of=at(41)).facts) == ["(open galley)", "(open hall)", "(raining)"]
 
 
-def test_the_time_itself_is_kept(kb, archive_path):
-    """Q7: what ended, and who ended it, at exactly the time of archiving is still there."""
+def test_the_archived_time_itself_is_kept(kb, archive_path):
+    """Q7: an assertion that ended at exactly the archived time is still there, with its transaction."""
     kb.archive(at(20), archive_path)
     (fourth,) = (change for change in kb.changes(after=3) if change.number == 4)
     assert [str(found.item) for found in fourth.ended] == ["(open hall)"]
@@ -223,8 +223,8 @@ def test_the_time_itself_is_kept(kb, archive_path):
     ]
 
 
-def test_what_ran_at_the_time_itself_is_kept(open_kb, clock, archive_path):
-    """Q2, O3, Q7: what was believed at that very time, before an action ended, is still known."""
+def test_runs_at_the_archived_time_itself_are_kept(open_kb, clock, archive_path):
+    """Q2, O3, Q7: the belief as of that very time, before an action ended, is still known."""
     kb = open_kb()
     kb.load(random_histories.DOMAIN)
     kb.add("a - place", "r - robot", "(= (cost) 0)", "(= (battery r) 50)")
@@ -244,8 +244,8 @@ def test_what_ran_at_the_time_itself_is_kept(open_kb, clock, archive_path):
         assert len(archive.history("(busy r)")) == 2
 
 
-def test_what_a_run_remembers_of_its_start_is_kept(open_kb, clock, archive_path):
-    """O3, Q7: in the store where it goes on, and in the archive, where its end is expected."""
+def test_the_start_conditions_of_a_run_are_kept(open_kb, clock, archive_path):
+    """O3, Q7: in the store where the run continues, and in the archive, where its end is expected."""
     kb = open_kb()
     kb.load(random_histories.DOMAIN)
     kb.add("a - place", "r - robot", "(lit)", "(= (cost) 0)", "(= (battery r) 50)")
@@ -263,8 +263,8 @@ def test_what_a_run_remembers_of_its_start_is_kept(open_kb, clock, archive_path)
     assert texts(kb.state().facts) == ["(near r a)", "(open a)"]
 
 
-def test_writing_goes_on(archived, clock):
-    """Adding, scheduling, removing and expiry work on what began before as on anything else."""
+def test_writing_continues_after_archiving(archived, clock):
+    """Adding, scheduling, removing and expiry work on earlier assertions as on others."""
     clock.set(at(55))
     number = archived.remove("(raining)").number
     assert number == 8
@@ -279,7 +279,7 @@ def test_writing_goes_on(archived, clock):
 
 
 def test_the_archive_is_the_store_just_before(archive):
-    """Q7: what came later is not known in the archive: what was scheduled is, and it is not cancelled."""
+    """Q7: later transactions are not in the archive: its scheduled assertions are there, and not cancelled."""
     assert archive.now() == at(35) - 1
     assert texts(archive.state(at=at(15)).facts) == ["(open hall)", "(raining)"]
     assert spans(archive.history("(open ?)")) == [
@@ -296,8 +296,8 @@ def test_the_archive_is_the_store_just_before(archive):
     ]
 
 
-def test_the_archive_knows_what_was_cancelled(kb, archive_path):
-    """C5, Q7: what was cancelled before is cancelled in the archive, although its time lies after the end of it."""
+def test_cancelled_assertions_are_cancelled_in_the_archive(kb, archive_path):
+    """C5, Q7: an assertion cancelled before is cancelled in the archive, although its time is after its end."""
     kb.archive(at(42), archive_path)
     with kbstore.open(archive_path, kb.name) as archive:
         (near,) = archive.history("(near ? ?)")
@@ -316,13 +316,13 @@ AFTER_THE_END = {
 }
 
 
-def test_an_archive_ends(archive):
-    """Q7: an archive is not asked what was later: it does not know."""
+def test_an_archive_refuses_later_times(archive):
+    """Q7: questions about later times are refused by an archive."""
     assert answered(archive, AFTER_THE_END, r"ends at 1970-01-01T00:17:15Z.*ask the store") == []
 
 
-def test_nobody_writes_to_an_archive(archive, archive_path):
-    """An archive is what it is: no transactions, no new knowledge bases, no archiving of the archive."""
+def test_an_archive_is_read_only(archive, archive_path):
+    """An archive takes no transactions, no new knowledge bases, and is not archived itself."""
     with pytest.raises(StoreUnavailable, match="is an archive"):
         archive.add("(raining)")
     with pytest.raises(StoreUnavailable, match="is an archive"):
@@ -335,7 +335,7 @@ def test_nobody_writes_to_an_archive(archive, archive_path):
 
 
 def test_an_archive_is_continued(archived, archive_path):
-    """Q7: archiving into the same file makes it hold all of the past, from the first transaction on."""
+    """Q7: archiving into the same file again extends it: it has all of the past, from the first transaction on."""
     assert archived.archive(at(50), archive_path).rows == 1
     with kbstore.open(archive_path, archived.name) as archive:
         assert archive.history_from == 0
@@ -348,7 +348,7 @@ def test_an_archive_is_continued(archived, archive_path):
 
 
 def test_a_new_file_begins_where_history_began(archived, tmp_path, archive_path):
-    """Q7: a second file holds the time from the first archiving to the second, and refuses what was before."""
+    """Q7: a second file has the time from the first archiving to the second, and refuses earlier times."""
     archived.archive(at(50), tmp_path / "second.db")
     with kbstore.open(tmp_path / "second.db", archived.name) as second:
         assert second.history_from == at(35)
@@ -360,29 +360,29 @@ def test_a_new_file_begins_where_history_began(archived, tmp_path, archive_path)
         archived.archive(at(50), archive_path)
 
 
-def test_archiving_the_same_again_does_nothing(archived, archive_path):
-    """What is archived stays so; a time before it is no mistake, if the file has what was before it."""
+def test_archiving_again_does_nothing(archived, archive_path):
+    """Archived history stays archived; an earlier time is no error, if the file has that history."""
     assert archived.archive(at(35), archive_path) == Archived(archive_path, at(35), 0)
     assert archived.archive(at(20), archive_path) == Archived(archive_path, at(35), 0)
     assert texts(archived.state(at=at(35)).facts) == ["(open galley)", "(raining)"]
 
 
-def test_what_is_gone_cannot_be_archived_elsewhere(archived, tmp_path):
-    """Archiving into a file that could not have what was before is refused, and makes no file."""
+def test_archived_history_cannot_be_archived_elsewhere(archived, tmp_path):
+    """Archiving into a file without the earlier history is refused, and creates no file."""
     with pytest.raises(HistoryUnavailable, match="has been archived, and is not in"):
         archived.archive(at(35), tmp_path / "new.db")
     assert not (tmp_path / "new.db").exists()
 
 
-def test_nothing_was_before(kb, tmp_path):
-    """Where nothing had been recorded by then, nothing is archived, and no file is made."""
+def test_archiving_an_empty_past_does_nothing(kb, tmp_path):
+    """Where nothing was recorded before that time, nothing is archived, and no file is created."""
     assert kb.archive(at(0), tmp_path / "new.db") == Archived(tmp_path / "new.db", 0, 0)
     assert not (tmp_path / "new.db").exists()
     assert kb.history_from == 0
 
 
 def test_the_future_cannot_be_archived(kb, clock, archive_path):
-    """A time after the latest transaction is refused: something could still be recorded before it."""
+    """A time after the latest transaction is refused: a transaction before it could still come."""
     clock.set(at(1000))
     for later in (at(50) + 1, at(1000), at(2000)):
         with pytest.raises(InvalidTime, match="is after the latest transaction"):
@@ -394,7 +394,7 @@ def test_the_future_cannot_be_archived(kb, clock, archive_path):
 
 
 def test_other_files_are_left_alone(kb, open_kb, tmp_path):
-    """Only archives are written to: not a store, not another database, not text."""
+    """Only archives are written to: no store, no other database, no text file."""
     with kbstore.open(tmp_path / "store.db", "kenny", clock=ManualClock()) as store:
         store.add("(raining)")
     with sqlite3.connect(tmp_path / "other.db") as other:
@@ -412,7 +412,7 @@ def test_other_files_are_left_alone(kb, open_kb, tmp_path):
 
 
 def test_the_archive_of_another(kb, open_kb, tmp_path, clock):
-    """An archive of a knowledge base of the same name in another store is not mixed with this one."""
+    """An archive of a knowledge base with the same name in another store is not mixed with this one."""
     with kbstore.open(tmp_path / "store.db", kb.name, clock=(other_clock := ManualClock(at(3)))) as other:
         for _ in range(3):
             other_clock.advance(seconds(10))
@@ -423,7 +423,7 @@ def test_the_archive_of_another(kb, open_kb, tmp_path, clock):
     assert kb.history_from == 0
 
 
-def test_one_who_may_not_write_may_not_archive(kb, store_url, archive_path):
+def test_archiving_needs_the_right_to_write(kb, store_url, archive_path):
     """Archiving is refused where writing is: read-only, and within a transaction of the same thread."""
     with pytest.raises(Conflict, match="a transaction is open"), kb.transaction():
         kb.archive(at(35), archive_path)
@@ -436,7 +436,7 @@ def test_one_who_may_not_write_may_not_archive(kb, store_url, archive_path):
 
 
 def test_a_damaged_archive_stops_it(kb, archive_path, monkeypatch):
-    """Nothing is deleted before the archive has been read again: as many rows as there should be, in a sound file."""
+    """Nothing is deleted before the archive has been verified: the number of rows, and a sound file."""
     from kbstore.transfer import archive_file
 
     taking = archive_file.ArchiveFile.take

@@ -1,4 +1,4 @@
-"""Archives of random histories: with scheduled, cancelled, ended things, objects, goals, metric, domains and runs."""
+"""Archives of random histories: scheduled, cancelled and ended items, objects, goals, metric, domains and runs."""
 
 import pytest
 
@@ -10,7 +10,7 @@ STEPS = 32
 
 
 def lived(open_kb, seed, until=None, *, late=False):
-    """A knowledge base after a random life, or after the part of it before a time; and its clock."""
+    """A knowledge base after random transactions, or after those before a time; and its clock."""
     clock = ManualClock(START)
     kb = open_kb(clock=clock)
     for t in live(kb, clock, seed, STEPS, late=late):
@@ -20,14 +20,14 @@ def lived(open_kb, seed, until=None, *, late=False):
 
 
 def middle(kb):
-    """Times about a third and two thirds through a life, at or between transactions."""
+    """Times about a third and two thirds through a story, at or between transactions."""
     changes = list(kb.changes())
     return changes[len(changes) // 3].time, changes[2 * len(changes) // 3].time + seconds(1) // 2
 
 
 @pytest.mark.parametrize(("seed", "late"), [(0, False), (1, False), (0, True), (1, True), (2, True)])
 def test_an_archive_answers_as_the_store_did(open_kb, archive_path, seed, late):
-    """Q7, L8: an archive answers as the store would have, had nothing been recorded from that time on."""
+    """Q7, L8: an archive answers as the store would have without the transactions from that time on."""
     kb, _ = lived(open_kb, seed, late=late)
     for before in middle(kb):
         kb.archive(before, archive_path)
@@ -44,7 +44,7 @@ def test_an_archive_answers_as_the_store_did(open_kb, archive_path, seed, late):
 
 @pytest.mark.parametrize(("seed", "late"), [(4, False), (5, False), (4, True), (5, True), (6, True)])
 def test_the_store_answers_as_before(open_kb, archive_path, seed, late):
-    """Q7: questions that need nothing from before get the same answers after archiving, now and about the future."""
+    """Q7: questions that need no archived history get the same answers after archiving, now and about the future."""
     kb, _ = lived(open_kb, seed, late=late)
     record = [(change.number, change.time) for change in kb.changes()]
     latest = record[-1][1]

@@ -1,4 +1,4 @@
-"""Archiving while others work, and killed at any moment; and the space that it gives back."""
+"""Archiving while others work, and killed at any time; and the disk space that it frees."""
 
 import io
 import json
@@ -24,7 +24,7 @@ BEFORE = START + seconds(12)
 
 @pytest.fixture
 def small_steps(monkeypatch):
-    """Few rows at once, so that there are many moments in between."""
+    """Few rows at once, so that there are many steps in between."""
     monkeypatch.setattr(rows, "BATCH", 4)
     monkeypatch.setattr(moving, "WINDOW", 5)
     monkeypatch.setattr(moving, "MOST", 3)
@@ -32,7 +32,7 @@ def small_steps(monkeypatch):
 
 @pytest.fixture(scope="module")
 def life():
-    """The export of a random life, with what it answers about the time from `BEFORE` on, and about all of it."""
+    """The export of a random story, with its answers about the time from `BEFORE` on, and about all of it."""
     clock = ManualClock(START)
     engine = kbstore.storage.engine.make_engine("sqlite://")
     with kbstore.open(engine, "life", clock=clock) as kb:
@@ -48,7 +48,7 @@ def life():
 
 @pytest.fixture(scope="module")
 def stores(tmp_path_factory):
-    """A folder with an empty store and an empty archive, to be copied: they take time to make."""
+    """A folder with an empty store and an empty archive, to be copied: they are slow to create."""
     folder = tmp_path_factory.mktemp("stores")
     kbstore.open(folder / "store.db", "other", clock=(clock := ManualClock(5))).add("(here)")
     with kbstore.open(folder / "store.db", "other", clock=clock) as kb:
@@ -60,7 +60,7 @@ def stores(tmp_path_factory):
 
 @pytest.fixture(params=["sqlite", "postgresql"])
 def fresh(request, life, stores, tmp_path):
-    """Makes the life anew, in a store on each engine: its URL, its name and the path for its archive."""
+    """Import the story again, into a store on each engine: its URL, its name and the path for its archive."""
     made = []
 
     def making():
@@ -78,7 +78,7 @@ def fresh(request, life, stores, tmp_path):
 
 
 def test_killed_at_any_moment(fresh, life):
-    """Q7: killed at any moment, no answer is wrong afterwards, and archiving done again finishes."""
+    """Q7: killed at any time, no answer is wrong afterwards, and archiving again finishes."""
     _, clock, last, since, everything = life
     url, name, path = fresh()
     calls = []
@@ -112,7 +112,7 @@ def test_killed_at_any_moment(fresh, life):
 
 
 def ended_rows(url, name):
-    """How many assertions of a knowledge base that ended before `BEFORE` are stored."""
+    """The number of stored assertions that ended before `BEFORE`."""
     with rows.opened(url) as database, database.read() as session:
         (kb,) = session.driver.execute(f"SELECT id FROM knowledge_bases WHERE name = '{name}'").fetchone()
         tables = ("instances", "facts", "functions", "expressions", "inequalities")
@@ -120,8 +120,8 @@ def ended_rows(url, name):
         return sum(session.driver.execute(f"SELECT count(*) FROM {table} {ended}").fetchone()[0] for table in tables)
 
 
-def test_others_go_on_meanwhile(fresh, life, small_steps):
-    """Readers and writers work through all of it: no answer is wrong, and nothing that is written is lost."""
+def test_others_work_meanwhile(fresh, life, small_steps):
+    """Readers and writers work all the time: no answer is wrong, and no write is lost."""
     _, clock, last, since, everything = life
     url, name, path = fresh()
     numbers, refused = [], []
@@ -174,18 +174,18 @@ def test_interrupted_and_not_done_again(fresh, life, small_steps, tmp_path):
             assert picture(archive.state(at=t)) == everything[t]
 
 
-def test_progress_is_told(fresh, small_steps):
+def test_progress_is_reported(fresh, small_steps):
     """Progress rises to its end: rows copied, then rows deleted."""
     url, name, path = fresh()
-    told = []
+    reported = []
     with kbstore.open(url, name) as kb:
-        archived = kb.archive(BEFORE, path, progress=lambda *step: told.append(step))
-    assert told == sorted(told)
-    assert told[-1][0] == told[-1][1] > archived.rows > 0
+        archived = kb.archive(BEFORE, path, progress=lambda *step: reported.append(step))
+    assert reported == sorted(reported)
+    assert reported[-1][0] == reported[-1][1] > archived.rows > 0
 
 
-def test_the_space_is_given_back(tmp_path, stores):
-    """Q7: the file of a store shrinks by what its history took; the archive is about as large as that."""
+def test_disk_space_is_freed(tmp_path, stores):
+    """Q7: the file of a store shrinks by the size of its history; the archive is about as large as that."""
     path, clock = tmp_path / "store.db", ManualClock(5)
     shutil.copy(stores / "store.db", path)
     shutil.copy(stores / "archive.db", tmp_path / "archive.db")

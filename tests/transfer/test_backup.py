@@ -1,4 +1,4 @@
-"""Backups: one moment of a whole store, in one file, while writers go on."""
+"""Backups: the state of a whole store at one time, in one file, while writers work."""
 
 import os
 import sqlite3
@@ -29,13 +29,13 @@ def url(request, tmp_path):
 
 @pytest.fixture
 def in_steps(monkeypatch):
-    """Backups go on in small steps, between which others can do something."""
+    """Make backups in small steps, between which others can write."""
     monkeypatch.setattr(backing_up, "_PAGES", 10)
     monkeypatch.setattr(rows, "BATCH", 3)
 
 
 def test_a_backup_answers_as_the_store(url, tmp_path):
-    """Every knowledge base of a store is in its backup, and answers every question in the same way."""
+    """Every knowledge base of a store is in its backup, and gives the same answers."""
     expected = {}
     for seed in (21, 22):
         clock = ManualClock(START)
@@ -53,7 +53,7 @@ def test_a_backup_answers_as_the_store(url, tmp_path):
 
 
 def test_a_backup_is_restored_by_export_and_import(url, tmp_path):
-    """A knowledge base comes back from a backup into any store, exactly as it was."""
+    """A knowledge base is restored from a backup into any store, exactly as it was."""
     clock = ManualClock(START)
     with kbstore.open(url, "lost", clock=clock) as kb:
         for _ in live(kb, clock, 23, 15):
@@ -66,23 +66,23 @@ def test_a_backup_is_restored_by_export_and_import(url, tmp_path):
         assert answers(kb, 0, clock.now()) == known
 
 
-def test_writers_go_on_meanwhile(url, tmp_path, in_steps):
-    """A backup shows one moment, whatever is written between its steps; no writer waits, and it does not begin anew."""
+def test_writers_do_not_wait_for_a_backup(url, tmp_path, in_steps):
+    """A backup has the state of one time, with any writes between its steps; no writer waits, no restart."""
     clock = ManualClock(START)
     with kbstore.open(url, "busy", clock=clock) as kb:
         kb.add("(= (one) 1)", "(= (two) 1)")
-        told = []
+        reported = []
 
         def write(done, total):
-            told.append((done, total))
+            reported.append((done, total))
             with kbstore.open(url, "busy", clock=clock) as writer:
                 writer.add("(increase (one) 1)", "(increase (two) 1)")
 
         kbstore.backup(url, tmp_path / "copy.db", progress=write)
-        assert kb.value("(one)") == kb.value("(two)") == 1 + len(told)
-    assert len(told) > 3
-    assert told == sorted(told)
-    assert told[-1][0] == told[-1][1]
+        assert kb.value("(one)") == kb.value("(two)") == 1 + len(reported)
+    assert len(reported) > 3
+    assert reported == sorted(reported)
+    assert reported[-1][0] == reported[-1][1]
     with kbstore.open(tmp_path / "copy.db", "busy", clock=clock) as kb:
         assert [change.number for change in kb.changes()] == [1]
         assert kb.value("(one)") == kb.value("(two)") == 1
@@ -101,7 +101,7 @@ def test_a_store_in_memory(tmp_path):
 
 
 def test_a_backup_is_one_file_that_can_be_read_anywhere(url, tmp_path):
-    """A backup is a single sound file, which opens read-only although nothing can be written beside it."""
+    """A backup is a single sound file, which opens read-only where nothing can be written beside it."""
     kbstore.open(url, "kenny").close()
     shelf = tmp_path / "shelf"
     shelf.mkdir()
@@ -116,8 +116,8 @@ def test_a_backup_is_one_file_that_can_be_read_anywhere(url, tmp_path):
     assert os.listdir(shelf) == ["copy.db"]
 
 
-def test_nothing_is_overwritten_and_no_half_is_left(url, tmp_path, in_steps):
-    """An existing file is refused, also the store's own; of a backup that is interrupted nothing is left."""
+def test_nothing_is_overwritten_and_no_partial_file_is_left(url, tmp_path, in_steps):
+    """An existing file is refused, also the store's own; an interrupted backup leaves nothing."""
     with kbstore.open(url, "kenny", clock=ManualClock(5)) as kb:
         kb.add("(here)")
     there = tmp_path / "there.db"
@@ -139,7 +139,7 @@ def test_nothing_is_overwritten_and_no_half_is_left(url, tmp_path, in_steps):
 
 
 def test_a_full_disk(tmp_path, monkeypatch):
-    """Where there is no room for the copy, that is said, and nothing is left of it."""
+    """Where there is no room for the copy, the error says so, and nothing is left of it."""
     kbstore.open(tmp_path / "store.db").close()
     connecting = sqlite3.connect
 
@@ -155,8 +155,8 @@ def test_a_full_disk(tmp_path, monkeypatch):
     assert os.listdir(tmp_path) == ["store.db"]
 
 
-def test_there_must_be_a_store(tmp_path):
-    """A store that does not exist is not made by backing it up."""
+def test_a_backup_needs_a_store(tmp_path):
+    """Backing up a store that does not exist does not create it."""
     with pytest.raises(StoreUnavailable, match="there is no store at"):
         kbstore.backup(tmp_path / "missing.db", tmp_path / "copy.db")
     assert not list(tmp_path.iterdir())

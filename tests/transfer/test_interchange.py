@@ -1,4 +1,4 @@
-"""Export and import: exactly what was, on either engine; nothing at all of a file that is not whole."""
+"""Export and import: exactly the same, on either engine; nothing at all of a file that is not whole."""
 
 import gzip
 import io
@@ -45,7 +45,7 @@ def exported(url, name):
 
 @pytest.fixture(scope="module")
 def lived(sqlite_url):
-    """A knowledge base after a random life, exported."""
+    """A knowledge base after random transactions, exported."""
     clock = ManualClock(START)
     with kbstore.open(sqlite_url, "lived", clock=clock) as kb:
         for _ in live(kb, clock, 3, 80):
@@ -91,8 +91,8 @@ def answered(kb):
     return None
 
 
-def test_what_a_run_remembers_of_its_start_travels(url, other_url):
-    """O3: an import between the start and the end; the line of the run says what was true, so that one can read it."""
+def test_the_start_conditions_of_a_run_are_exported(url, other_url):
+    """O3: an import between start and end; the line of the run has the conditions that were true, readable."""
     clock, name = ManualClock(START), f"on the way from {url[:4]}"
     with kbstore.open(url, name, clock=clock) as kb:
         kb.load(DOMAIN)
@@ -113,8 +113,8 @@ def test_what_a_run_remembers_of_its_start_travels(url, other_url):
         assert [str(fact) for fact in kb.state().facts if fact.attribute_name == "near"] == ["(near r a)"]
 
 
-def test_it_keeps_what_a_knowledge_base_is(sqlite_url, tmp_path):
-    """An open world without a domain stays one, with the shapes of its symbols."""
+def test_the_properties_of_a_knowledge_base_are_exported(sqlite_url, tmp_path):
+    """An open world without a domain stays one, with the arities of its symbols."""
     with kbstore.open(sqlite_url, "open world", clock=ManualClock(5), use_unknowns=True) as kb:
         kb.add("(Near Kenny WP0)", "(= (weight Kenny) 1e-300)", note="naïve ☃")
     kbstore.export_knowledge_base(sqlite_url, "open world", tmp_path / "file")
@@ -129,7 +129,7 @@ def test_it_keeps_what_a_knowledge_base_is(sqlite_url, tmp_path):
             kb.add("(near kenny)")
 
 
-def test_lines_can_be_read_by_anybody(lived):
+def test_lines_are_plain_json(lived):
     """Each line is JSON with the name of its table; an absent end time is an open one."""
     header, *rows, end = map(json.loads, lived.splitlines())
     assert (header["name"], header["version"]) == ("lived", 1)
@@ -140,17 +140,17 @@ def test_lines_can_be_read_by_anybody(lived):
 
 
 def test_every_version_of_the_format_is_read(tmp_path):
-    """A file that was written under each version of the format gives back the mission that it records."""
+    """A file of each version of the format restores the mission that it records."""
     stored = Path(__file__).parent / "stored"
     assert [path.name for path in stored.iterdir()] == [f"{version}.jsonl" for version in range(1, VERSION + 1)]
     for path in stored.iterdir():
         kbstore.import_knowledge_base(tmp_path / "store.db", path)
         with kbstore.open(tmp_path / "store.db", stored_mission.NAME, clock=ManualClock(seconds(200))) as kb:
-            stored_mission.told(kb)
+            stored_mission.check_answers(kb)
 
 
 def test_the_file_may_be_compressed_or_a_pipe(sqlite_url, lived, tmp_path):
-    """Anything that is open in binary mode will do; what is open as text is refused."""
+    """Any file open in binary mode is accepted; one open as text is refused."""
     with gzip.open(tmp_path / "lived.gz", "wb") as output:
         kbstore.export_knowledge_base(sqlite_url, "lived", output)
     with gzip.open(tmp_path / "lived.gz", "rb") as stream:
@@ -160,7 +160,7 @@ def test_the_file_may_be_compressed_or_a_pipe(sqlite_url, lived, tmp_path):
         kbstore.import_knowledge_base(tmp_path / "new.db", io.StringIO(lived.decode()), "text")
 
 
-def test_progress_is_told(sqlite_url, lived):
+def test_progress_is_reported(sqlite_url, lived):
     """Progress rises to the number of rows; an import reads each row, and then writes it."""
     out, back = [], []
     kbstore.export_knowledge_base(sqlite_url, "lived", io.BytesIO(), progress=lambda *step: out.append(step))
@@ -185,7 +185,7 @@ def refusal(url, lines, name="refused"):
 
 
 def test_an_existing_name_is_refused(url, lived):
-    """Nothing is imported over a knowledge base that exists; it is as it was."""
+    """An existing knowledge base is not overwritten, and stays as it was."""
     name = f"there already {url[:4]}"
     with kbstore.open(url, name, clock=ManualClock(5)) as kb:
         kb.add("(here)")
@@ -207,7 +207,7 @@ def test_a_file_that_was_cut_off(url, lived):
 
 
 def test_a_file_that_was_altered(url, lived):
-    """A change of any byte, and lines that are missing, doubled, exchanged or added, are found at their line."""
+    """A changed byte, and missing, repeated, exchanged or added lines, are found at their line."""
     lines = lived.splitlines(keepends=True)
     chance = random.Random(2)
     for _ in range(8):
@@ -223,7 +223,7 @@ def test_a_file_that_was_altered(url, lived):
 
 
 def changed(lived, table, values):
-    """The export with other values in the last row of a table, sealed anew; and the number of that line."""
+    """The export with other values in the last row of a table, with new checksums; and the number of that line."""
     lines = unsealed(lived)
     number = max(number for number, line in enumerate(lines) if line.get("table") == table)
     lines[number] = {name: value for name, value in (lines[number] | values).items() if value is not None}
@@ -262,8 +262,8 @@ def changed(lived, table, values):
         ("runs", {"number": 10**6}),
     ],
 )
-def test_a_hostile_hand(lived, table, values):
-    """Values that no store holds are refused with the line, even where the checksums fit."""
+def test_values_that_no_store_has_are_refused(lived, table, values):
+    """Values that no store has are refused with the line, even with valid checksums."""
     text, number = changed(lived, table, values)
     with pytest.raises(InvalidKnowledge, match=f"line {number} "):
         kbstore.import_knowledge_base("sqlite://", io.BytesIO(text))
@@ -281,21 +281,21 @@ def test_a_hostile_hand(lived, table, values):
     ],
     ids=["deep", "a list", "a long number", "another format", "no header", "a version that is no number"],
 )
-def test_a_first_line_that_is_none(lines, refused):
-    """What is no header is refused, however it is made."""
+def test_an_invalid_first_line_is_refused(lines, refused):
+    """Anything that is not a header is refused."""
     with pytest.raises(InvalidKnowledge, match=refused):
         kbstore.import_knowledge_base("sqlite://", io.BytesIO(sealed(lines)))
 
 
 def test_a_newer_format_is_refused():
-    """A file of a later version of the format is SchemaTooNew: it says to upgrade."""
+    """A file of a later version of the format is SchemaTooNew: the error says to upgrade."""
     text = sealed([{"format": "kbstore knowledge base", "version": 2}])
     with pytest.raises(SchemaTooNew, match="version 2 of the format, this kbstore reads 1; upgrade kbstore"):
         kbstore.import_knowledge_base("sqlite://", io.BytesIO(text))
 
 
-def test_files_and_names_that_are_not_right(sqlite_url, lived, tmp_path):
-    """Nothing is overwritten, nothing is made up, and what cannot be written or read is said."""
+def test_invalid_files_and_names(sqlite_url, lived, tmp_path):
+    """Nothing is overwritten or created, and errors name files that cannot be written or read."""
     (tmp_path / "there").write_text("precious")
     with pytest.raises(InvalidKnowledge, match="exists, and is not overwritten"):
         kbstore.export_knowledge_base(sqlite_url, "lived", tmp_path / "there")
@@ -314,7 +314,7 @@ def test_files_and_names_that_are_not_right(sqlite_url, lived, tmp_path):
 
 
 def test_an_export_that_fails_leaves_no_file(sqlite_url, lived, tmp_path):
-    """A file is there when all of it is; of an export that was interrupted there is nothing."""
+    """The file appears when it is complete; an interrupted export leaves nothing."""
 
     def interrupt(*_):
         assert list(tmp_path.iterdir())
@@ -328,8 +328,8 @@ def test_an_export_that_fails_leaves_no_file(sqlite_url, lived, tmp_path):
 # -- others at work -----------------------------------------------------------------------------------------------
 
 
-def test_writers_go_on_meanwhile(url, tmp_path):
-    """An export shows one moment: what is written while it runs is not in it, and does not wait for it."""
+def test_writers_do_not_wait_for_an_export(url, tmp_path):
+    """An export has the state of one time: later writes are not in it, and do not wait for it."""
     name = f"busy {url[:4]}"
     clock = ManualClock(5)
     with kbstore.open(url, name, clock=clock) as kb:
@@ -346,8 +346,8 @@ def test_writers_go_on_meanwhile(url, tmp_path):
     assert output.getvalue() == before
 
 
-def test_memory_is_flat(tmp_path, monkeypatch):
-    """Exporting and importing hold some rows at a time: what they take does not grow with the history."""
+def test_memory_does_not_grow(tmp_path, monkeypatch):
+    """Exporting and importing hold some rows at a time: their memory does not grow with the history."""
     monkeypatch.setattr(transfer, "BATCH", 50)
     target = f"sqlite:///{tmp_path / 'target.db'}"
     kbstore.open(target).close()

@@ -1,4 +1,4 @@
-"""A knowledge base continued in another store: the copy is the source, row by row, whatever happens on the way."""
+"""A knowledge base continued in another store: the copy equals the source, row by row, after any failure on the way."""
 
 import os
 import random
@@ -40,7 +40,7 @@ LIVES = (
 
 @pytest.fixture
 def stores(request, tmp_path):
-    """Makes the URLs of a source and of a target for a pair of engines; on PostgreSQL two databases of one server."""
+    """Make the URLs of a source and a target for a pair of engines; on PostgreSQL two databases of one server."""
 
     def making(pair):
         found = []
@@ -62,7 +62,7 @@ def name(request):
 
 @pytest.fixture
 def engines():
-    """Two engines on stores in memory, which are made in no time."""
+    """Two engines on stores in memory, which are created fast."""
     made = [make_engine("sqlite://") for _ in range(2)]
     yield made
     for engine in made:
@@ -70,7 +70,7 @@ def engines():
 
 
 def lived(kb, clock, seed, kind, steps=40):
-    """The steps of a random life: with late knowledge, without, or with numbers that follow what they read."""
+    """The steps of a random story: with late knowledge, without, or with numbers that follow what they read."""
     return (
         live_with_tanks(kb, clock, seed, steps)
         if kind == "rates"
@@ -82,8 +82,8 @@ def lived(kb, clock, seed, kind, steps=40):
 
 
 @pytest.mark.parametrize(("pair", "kind"), LIVES)
-def test_what_is_pushed_is_equal(stores, name, pair, kind, monkeypatch):
-    """A random life that is pushed in random portions has the same export, byte by byte, after each of them."""
+def test_a_pushed_copy_is_equal(stores, name, pair, kind, monkeypatch):
+    """A random story that is pushed in random portions has the same export, byte by byte, after each of them."""
     monkeypatch.setattr(pushing, "CHUNK", 8)
     source, target = stores(pair)
     chance, clock, pushes = random.Random(pair + kind), ManualClock(START), 0
@@ -103,8 +103,8 @@ def test_what_is_pushed_is_equal(stores, name, pair, kind, monkeypatch):
 
 @pytest.mark.parametrize("kind", ["plain", "late", "rates"])
 @pytest.mark.parametrize("seed", [1, 2])
-def test_a_copy_on_its_way_is_the_source_as_it_was(engines, kind, seed, monkeypatch):
-    """After each part of a push, the copy is the source as it was after that transaction, with rates ahead (O5)."""
+def test_a_partial_copy_is_an_earlier_state_of_the_source(engines, kind, seed, monkeypatch):
+    """After each part of a push, the copy is the source after that transaction, with future rates (O5)."""
     source, target = engines
     clock, was = ManualClock(START), {}
     with kbstore.open(source, "kenny", clock=clock) as kb:
@@ -128,16 +128,16 @@ def latest(kb):
 
 
 def test_one_transaction_is_never_divided(engines, monkeypatch):
-    """A part is about as long as it should be, but at least one transaction; a reader never sees half of one."""
+    """A part has about the wanted length, but at least one transaction; a reader never sees a part of one."""
     source, target = engines
     monkeypatch.setattr(pushing, "CHUNK", 3)
     with kbstore.open(source, "kenny") as kb:
         kb.add(*(f"(p a{number})" for number in range(10)))
         for number in range(6):
             kb.add(f"(q a{number})")
-        told = []
-        kbstore.push(kb, target, progress=lambda *step: told.append(step))
-    assert told == [(1, 7), (4, 7), (7, 7)]
+        reported = []
+        kbstore.push(kb, target, progress=lambda *step: reported.append(step))
+    assert reported == [(1, 7), (4, 7), (7, 7)]
 
 
 WHOLE = ("recorded[symbols]", "open_runs")
@@ -145,7 +145,7 @@ WHOLE = ("recorded[symbols]", "open_runs")
 
 
 def test_a_push_reads_by_indexes(tmp_path):
-    """What is read of the source is what is pushed, as far as SQLite's plans tell, and not all of its history."""
+    """A push reads from the source only the pushed rows, by SQLite's plans, and not all of its history."""
     kbstore.open(tmp_path / "store.db", "kenny").close()
     found = {name: value for name, value in vars(delta_queries).items() if isinstance(value, Statement)}
     for name in ("keyed", "recorded"):
@@ -164,7 +164,7 @@ def test_a_push_reads_by_indexes(tmp_path):
 
 @pytest.mark.parametrize("engine", ["sqlite", "postgresql"])
 def test_killed_at_random_moments(stores, name, engine):
-    """A process that pushes is killed 30 times, each time elsewhere; each transaction arrives exactly once."""
+    """A process that pushes is killed 30 times, at different points; each transaction arrives exactly once."""
     source, target = stores(f"sqlite to {engine}")
     chance, clock = random.Random(7), ManualClock(START)
     with kbstore.open(source, name, clock=clock) as kb:
@@ -184,8 +184,8 @@ def test_killed_at_random_moments(stores, name, engine):
     assert export(target, name) == export(source, name)
 
 
-def test_a_connection_that_comes_and_goes(stores, name):
-    """A push that follows goes on when the server has cut it off, again and again, while the source is written to."""
+def test_a_push_over_a_connection_that_is_lost_repeatedly(stores, name):
+    """A following push continues after the server has cut it off, again and again, while the source is written to."""
     source, target = stores("sqlite to postgresql")
     marked = sa.make_url(target).update_query_dict({"application_name": "pushing"})
     with kbstore.open(source, name) as kb:
@@ -213,7 +213,7 @@ def plain(url):
 
 @pytest.mark.parametrize("pair", ["sqlite to postgresql", "postgresql to sqlite"])
 def test_while_the_source_is_written_to(stores, name, pair):
-    """The robot writes all the time, the copy follows: in the end it has everything, and ends with `close`."""
+    """The robot writes all the time, the copy follows: in the end it has everything, and the push ends with `close`."""
     source, target = stores(pair)
     kb, other = kbstore.open(source, name), kbstore.open(source, name)
     with following(kb, target):
@@ -293,8 +293,8 @@ def pushed(stores, name):
         lambda kb: kb.transaction().__enter__(),
     ],
 )
-def test_a_copy_is_not_written_to(pushed, name, write):
-    """From its first push on, every way of writing is refused, with what it is a copy of; reading is not."""
+def test_a_copy_is_read_only(pushed, name, write):
+    """From the first push on, every write is refused, naming its source; reading is not."""
     source, target = pushed
     with kbstore.open(target, name, clock=ManualClock(START)) as copy:
         with pytest.raises(StoreUnavailable, match=r"is a copy here.* in sqlite:////.*store0.db on .*db adopt"):
@@ -303,8 +303,8 @@ def test_a_copy_is_not_written_to(pushed, name, write):
     assert export(target, name) == export(source, name)
 
 
-def test_a_copy_is_one_before_anything_is_in_it(stores, name):
-    """An empty knowledge base is pushed, too: nobody is to write to its name in the meantime."""
+def test_an_empty_copy_is_read_only(stores, name):
+    """An empty knowledge base is pushed, too: its name must not be written to in the meantime."""
     source, target = stores("sqlite to sqlite")
     with kbstore.open(source, name) as kb:
         assert kbstore.push(kb, target).number == 0
@@ -314,8 +314,8 @@ def test_a_copy_is_one_before_anything_is_in_it(stores, name):
         assert kbstore.push(kb, target).number == 1
 
 
-def test_what_was_written_there_before_is_why_a_first_push_is_refused(pushed, name, tmp_path):
-    """Both numbers are named, and nothing is changed."""
+def test_a_first_push_to_a_written_knowledge_base_is_refused(pushed, name, tmp_path):
+    """The error has both numbers, and nothing is changed."""
     source, target = pushed
     with kbstore.open(target, "other", clock=ManualClock(START)) as other:
         for number in range(5):
@@ -327,7 +327,7 @@ def test_what_was_written_there_before_is_why_a_first_push_is_refused(pushed, na
 
 
 def test_a_first_push_needs_no_import(pushed, name, tmp_path):
-    """What was imported there is an original, also where it has the same history; the error says what to do instead."""
+    """An imported knowledge base is an original, even with the same history; the error says what to do instead."""
     source, target = pushed
     kbstore.export_knowledge_base(source, name, tmp_path / "kenny.jsonl")
     kbstore.import_knowledge_base(target, tmp_path / "kenny.jsonl", "imported")
@@ -339,7 +339,7 @@ def test_a_first_push_needs_no_import(pushed, name, tmp_path):
 
 
 def test_a_copy_of_another_is_refused(pushed, name, tmp_path):
-    """Two robots with one name: the second is told whose copy it is, with both numbers."""
+    """Of two robots with one name, the second gets an error with the source of the copy, and both numbers."""
     _, target = pushed
     with kbstore.open(tmp_path / "second.db", name) as kb:
         kb.add("(p)")
@@ -348,7 +348,7 @@ def test_a_copy_of_another_is_refused(pushed, name, tmp_path):
 
 
 def test_a_copy_that_was_written_to_by_sql_is_refused(pushed, name):
-    """Whoever gets round the refusal is found by the tokens."""
+    """A write that circumvents the refusal is found by the tokens."""
     source, target = pushed
     engine = sa.create_engine(target)
     with engine.begin() as connection:
@@ -386,7 +386,7 @@ def test_another_world_and_archives_are_refused(pushed, name, tmp_path):
 
 
 def test_a_copy_is_adopted(pushed, name):
-    """What was a copy goes on as an original, and a push to it is refused from then on, with both numbers."""
+    """A former copy continues as an original, and a push to it is refused from then on, with both numbers."""
     source, target = pushed
     assert pushing.adopt(target, name).startswith(f"{name} in sqlite:////")
     with kbstore.open(target, name, clock=ManualClock(START)) as copy, kbstore.open(source, name) as kb:
@@ -402,7 +402,7 @@ def test_a_copy_is_adopted(pushed, name):
 
 
 def test_a_copy_is_pushed_on(pushed, name, tmp_path):
-    """From the robot to the site, from the site to the fleet."""
+    """From the robot to the site, and from the site to the fleet."""
     source, target = pushed
     with kbstore.open(target, name, read_only=True) as copy:
         kbstore.push(copy, tmp_path / "third.db")
@@ -413,7 +413,7 @@ def test_a_copy_is_pushed_on(pushed, name, tmp_path):
 
 
 def test_a_source_that_went_back(pushed, name, tmp_path):
-    """It is told in words: with fewer transactions than the copy, and with others of the same numbers."""
+    """The error says so: with fewer transactions than the copy, and with others of the same numbers."""
     source, target = pushed
     file = tmp_path / "store0.db"
     shutil.copy(file, tmp_path / "saved.db")
@@ -432,8 +432,8 @@ def test_a_source_that_went_back(pushed, name, tmp_path):
     assert export(target, name) == before
 
 
-def test_a_target_that_went_back_is_continued_from_where_it_is(pushed, name, tmp_path):
-    """What the target lost is pushed again."""
+def test_a_target_that_went_back_is_continued(pushed, name, tmp_path):
+    """The transactions that the target lost are pushed again."""
     source, target = pushed
     file = tmp_path / "store1.db"
     shutil.copy(file, tmp_path / "saved.db")
@@ -448,7 +448,7 @@ def test_a_target_that_went_back_is_continued_from_where_it_is(pushed, name, tmp
 
 @pytest.mark.parametrize("kind", ["plain", "late", "rates"])
 def test_the_source_archives_and_the_copy_has_everything(stores, name, kind, tmp_path):
-    """Q7: what was pushed may be archived away at the source; the copy still has it, and can archive the same."""
+    """Q7: pushed history may be archived at the source; the copy still has it, and can archive the same."""
     source, target = stores("sqlite to sqlite")
     clock = ManualClock(START)
     with kbstore.open(source, name, clock=clock) as kb:
@@ -470,8 +470,8 @@ def test_the_source_archives_and_the_copy_has_everything(stores, name, kind, tmp
     assert export(target, name) == export(source, name)
 
 
-def test_the_copy_archives_and_goes_on(stores, name, tmp_path):
-    """Q7: history may be archived away at the copy; later transactions that change older rows bring these along."""
+def test_the_copy_archives_and_is_continued(stores, name, tmp_path):
+    """Q7: history may be archived at the copy; later transactions that change older rows bring these along."""
     source, target = stores("sqlite to sqlite")
     clock = ManualClock(START)
     with kbstore.open(source, name, clock=clock) as kb:
@@ -495,8 +495,8 @@ def test_the_copy_archives_and_goes_on(stores, name, tmp_path):
     assert export(target, name) == export(source, name)
 
 
-def test_what_was_archived_before_it_was_pushed(stores, name, tmp_path):
-    """Q7: a copy that lacks what has been archived is refused with both numbers; a new one begins with the rest."""
+def test_pushing_after_archiving(stores, name, tmp_path):
+    """Q7: a copy without the archived transactions is refused with both numbers; a new one begins with the rest."""
     source, target = stores("sqlite to sqlite")
     clock = ManualClock(START)
     with kbstore.open(source, name, clock=clock) as kb:
@@ -520,7 +520,7 @@ def test_what_was_archived_before_it_was_pushed(stores, name, tmp_path):
 
 
 def test_a_copy_is_watched(stores, name):
-    """Q6: who watches the copy gets each transaction once, in order, as it arrives."""
+    """Q6: a watch of the copy gets each transaction once, in order, as it arrives."""
     source, target = stores("sqlite to sqlite")
     with kbstore.open(source, name) as kb:
         kb.add("(p a0)")
@@ -535,8 +535,8 @@ def test_a_copy_is_watched(stores, name):
     assert found == [(number + 1, f"(p a{number})") for number in range(6)]
 
 
-def test_a_copy_in_memory_of_a_closed_one_is_told(stores, name):
-    """A source that is closed is refused as ever; a target that cannot be reached at first, too."""
+def test_closed_and_unreachable_stores_are_refused(stores, name):
+    """A closed source is refused as usual; so is a target that cannot be reached at first."""
     source, _ = stores("sqlite to sqlite")
     kb = kbstore.open(source, name)
     with pytest.raises(StoreUnavailable):

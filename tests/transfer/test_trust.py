@@ -1,4 +1,4 @@
-"""An import trusts nothing: what no store could have written is refused, and whatever a store writes is taken."""
+"""An import trusts nothing: rows that no store could have written are refused, and those of any store are taken."""
 
 import io
 import random
@@ -41,7 +41,7 @@ def lived(path, seed):
 
 
 def test_each_row_is_checked_by_an_index(tmp_path, monkeypatch):
-    """No check looks through the whole knowledge base for each of its rows: 200,000 timelines would take an hour."""
+    """No check scans the knowledge base for each of its rows: 200,000 timelines would take an hour."""
     plans = []
     rows = Scratch.rows
 
@@ -61,8 +61,8 @@ def test_each_row_is_checked_by_an_index(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("seed", [21, 22, 23, 26, 27])
-def test_whatever_is_exported_can_be_imported(seed, tmp_path):
-    """Also with late knowledge, runs and schedules, after archiving, and of an archive: it comes back byte for byte."""
+def test_every_export_can_be_imported(seed, tmp_path):
+    """Also with late knowledge, runs and schedules, after archiving, and of an archive: byte for byte."""
     path = tmp_path / "store.db"
     for source in filter(None, (path, lived(path, seed))):
         text = exported(source, "lived")
@@ -73,9 +73,9 @@ def test_whatever_is_exported_can_be_imported(seed, tmp_path):
 
 @pytest.mark.parametrize("seed", [31, 32, 34])
 def test_a_mutation_is_refused_or_harmless(seed, tmp_path):
-    """Any field of any line changed, with the checksums mended: refused with its line, or the store is sound.
+    """An export with a changed field and valid checksums is refused with its line, or the store is sound.
 
-    Sound is what could have been written: its tables have no contradiction, it answers, and it can be written to.
+    A sound store could have been written: its tables have no contradiction, it answers, and it can be written to.
     """
     path = tmp_path / "store.db"
     lived(path, seed)
@@ -108,7 +108,7 @@ def imported(path, text):
 
 
 def harmless(path, header):
-    """Whether a store that has been imported is like one that was written."""
+    """Whether an imported store is sound."""
     allowed = ("the head is not at the last transaction's time", "the head does not list what is present")
     with kbstore.open(path, "changed", clock=ManualClock(header["last_time"] + seconds(100))) as kb:
         found = [] if header["history_from"] else violations(*rooms.reading(kb))
@@ -117,7 +117,7 @@ def harmless(path, header):
         kb.state()
         kb.clear()
         kb.add("new - robot", "(= (battery new) 1)")
-        # while an action runs, a number may become undefined by what its rate reads
+        # during a run, a number may become undefined by what its rate reads
         found = [one for one in found if not (header["rows"]["runs"] and re.match("functions .* should end at", one))]
         return not [one for one in found if not one.startswith(allowed)]
 
@@ -127,7 +127,7 @@ def harmless(path, header):
 
 @pytest.fixture(scope="module")
 def story(tmp_path_factory):
-    """The lines of a story that has a row of each kind: scheduled, cancelled, emptied, superseded, ended, run."""
+    """The lines of a story with a row of each kind: scheduled, cancelled, emptied, superseded, ended, run."""
     path = tmp_path_factory.mktemp("trust") / "story.db"
     clock = ManualClock(yard.START)
     with kbstore.open(path, "story", clock=clock) as kb:
@@ -162,7 +162,7 @@ def refusal(lines):
 
 
 def one(lines, table, **wanted):
-    """The number of the first row of a table that has some values; `None` is a column that is left out."""
+    """The number of the first row of a table that has some values; `None` is an absent column."""
     return next(
         number
         for number, line in enumerate(lines)
@@ -200,7 +200,7 @@ CHANGES = {
         {"late_from": "+1"},
         "what is left of it before",
     ),
-    "late knowledge that nobody told": (
+    "late knowledge that was never recorded": (
         "transactions",
         {"number": -1},
         {"late_from": None},
@@ -233,13 +233,13 @@ CHANGES = {
         {"end_time": "+1"},
         "ends at another time",
     ),
-    "a retired row that nobody revised": (
+    "a retired row without a revision": (
         "facts",
         {"retired_tx": None},
         {"retired_tx": 9, "end_time": 5},
         "ends before",
     ),
-    "a row that was never told": (
+    "a row that was never recorded": (
         "facts",
         {"told_tx": 5, "end_time": None},
         {"told_tx": 4},
@@ -274,7 +274,7 @@ CHANGES = {
 
 @pytest.mark.parametrize("name", CHANGES)
 def test_contradictions_are_refused(story, name):
-    """What no store could have written is refused with its line, whatever its checksums are."""
+    """Lines that no store could have written are refused with their number, even with valid checksums."""
     table, wanted, values, problem = CHANGES[name]
     lines = [dict(line) for line in story]
     if wanted.get("number") == -1:
@@ -299,21 +299,21 @@ def test_contradictions_are_refused(story, name):
 
 
 def assert_matches(sentence, problem):
-    """A sentence begins with the number of a line, and says what is wrong."""
+    """Check that a sentence begins with the number of a line, and has the expected words."""
     assert re.match(r"\d+ ", sentence), sentence
     assert re.search(problem, sentence), sentence
 
 
 def test_the_line_is_that_of_the_row(story):
-    """The refusal names the line that is wrong: the one that was changed, or that it contradicts."""
+    """The refusal names the wrong line: the changed one, or one that it contradicts."""
     lines = [dict(line) for line in story]
     number = one(lines, "facts", end_cause=1, retired_tx=None)
     lines[number]["end_time"] += 1
     assert refusal(lines).startswith(f"{number + 1} ends at another time")
 
 
-def test_the_first_line_is_not_believed(story):
-    """Heads that contradict the rows are refused."""
+def test_a_wrong_header_is_refused(story):
+    """A header that contradicts the rows is refused."""
     for column, value, problem in (
         ("present", 0, "which follows|follows from the numbers"),
         ("present", 64 + 63, "follows from the numbers"),
@@ -333,7 +333,7 @@ def test_the_first_line_is_not_believed(story):
 
 
 def test_two_facts_at_one_time_are_refused(story):
-    """Two rows of one timeline that hold at one time: no question could be answered."""
+    """Two rows of one timeline that hold at one time would leave no answer."""
     lines = [dict(line) for line in story]
     number = one(lines, "facts", retired_tx=None, end_time=None)
     other = next(
