@@ -36,13 +36,23 @@ from kbstore.writing.change_set import ChangeSet
 from kbstore.writing.formulas import canonical_term
 from kbstore.writing.handlers import Handlers
 
+_Runs = tuple[list[RunningAction], int, list[RunningAction], list[tuple[RunningAction, str]]]
+
 
 class ActionExecutor:
-    """The durative actions that run, as a transaction leaves them."""
+    """The durative actions that run, as a transaction leaves them.
 
-    def __init__(self, change_set: ChangeSet, running: Sequence[RunningAction], last_run: int) -> None:
+    Its lists are replaced and never changed, so that states and copies keep theirs.
+
+    Attributes:
+        running: what runs.
+        running_before: what ran before the transaction.
+        last_run: the number of the last run.
+    """
+
+    def __init__(self, change_set: ChangeSet, running: list[RunningAction], last_run: int) -> None:
         self._change_set = change_set
-        self.running = list(running)
+        self.running = self.running_before = running
         self.last_run = last_run
         self._started: list[RunningAction] = []
         self._ended: list[tuple[RunningAction, str]] = []
@@ -52,13 +62,16 @@ class ActionExecutor:
         """The number of runs that begin and end."""
         return len(self._started) + len(self._ended)
 
-    def copy(self) -> tuple[list[RunningAction], int, list[RunningAction], list[tuple[RunningAction, str]]]:
-        """Return a copy of what may change, for `restore`."""
-        return list(self.running), self.last_run, list(self._started), list(self._ended)
+    @property
+    def is_idle(self) -> bool:
+        """Whether nothing runs, and nothing ran before the transaction."""
+        return not (self.running or self.running_before)
 
-    def restore(
-        self, copy: tuple[list[RunningAction], int, list[RunningAction], list[tuple[RunningAction, str]]]
-    ) -> None:
+    def copy(self) -> _Runs:
+        """Return a copy of what may change, for `restore`."""
+        return self.running, self.last_run, self._started, self._ended
+
+    def restore(self, copy: _Runs) -> None:
         """Undo what was done since the copy was made."""
         self.running, self.last_run, self._started, self._ended = copy
 
@@ -110,13 +123,11 @@ class ActionExecutor:
         run = replace(run, forced=tuple(map(condition_text, overruled)))
         entry = RunningAction(run, remembered)
         self._carry_out(handlers, at_start, state.snapshot)
-        self.last_run += 1
         if state.domain is not None and is_moving(run.operator, state.domain):
             # raises an error if a rate is not linear
             after = effects.StateAfter(world, at_start.written(state.domain))
             rates([*self.running, entry], after, state.projection().moving())
-        self.running.append(entry)
-        self._started.append(entry)
+        self._begin(entry)
         return run
 
     def end(self, state: State, handlers: Handlers, run: Run) -> Applicability:
@@ -157,9 +168,7 @@ class ActionExecutor:
             # its duration is unknown: as 0, the run is overdue from its start on
             length = Duration(0.0, 0)
         entry = RunningAction(self._next_run(handlers, action, length))
-        self.last_run += 1
-        self.running.append(entry)
-        self._started.append(entry)
+        self._begin(entry)
         return entry.run
 
     def report_end(self, run: Run) -> None:
@@ -172,12 +181,13 @@ class ActionExecutor:
 
     def abort_with(self, name: str) -> None:
         """Abort what runs with an object that is removed (rule C12)."""
-        for entry in [entry for entry in self.running if name in map(key, entry.run.arguments)]:
-            self._stop(entry, "aborted")
+        for entry in self.running:
+            if name in map(key, entry.run.arguments):
+                self._stop(entry, "aborted")
 
     def abort_all(self) -> None:
         """Abort everything that runs."""
-        for entry in list(self.running):
+        for entry in self.running:
             self._stop(entry, "aborted")
 
     def _stopped(self, entry: RunningAction, handlers: Handlers, world: Snapshot) -> Interpretation:
@@ -198,12 +208,17 @@ class ActionExecutor:
                 self._change_set.put(state, (False, number, *row[2][2:]), self._change_set.now)
         return effects.StateAfter(world, Effects(changes=tuple(exact)))
 
+    def _begin(self, entry: RunningAction) -> None:
+        self.last_run = entry.run.number
+        self.running = [*self.running, entry]
+        self._started = [*self._started, entry]
+
     def _stop(self, entry: RunningAction, outcome: str) -> None:
-        self.running.remove(entry)
+        self.running = [other for other in self.running if other is not entry]
         if entry in self._started:
-            self._started.remove(entry)
+            self._started = [other for other in self._started if other is not entry]
         else:
-            self._ended.append((entry, outcome))
+            self._ended = [*self._ended, (entry, outcome)]
 
     def _running(self, run: Run) -> RunningAction:
         if not isinstance(run, Run):
@@ -274,6 +289,7 @@ class ActionExecutor:
             )
         changes.ended_runs += [(entry.run.number, entry.run.started, outcome) for entry, outcome in self._ended]
         changes.last_run = self.last_run
+        changes.changes += self.changes
 
 
 def _is_sensed(world: Interpretation, atom: Atom) -> bool:

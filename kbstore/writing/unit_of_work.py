@@ -3,8 +3,8 @@
 import json
 import os
 import threading
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Sequence
+from functools import cached_property
 from hashlib import sha256
 from types import TracebackType
 from typing import Self, TypeVar
@@ -35,7 +35,7 @@ from kbstore.writing.flush import Flush
 from kbstore.writing.handlers import Handlers
 from kbstore.writing.late_handlers import LateHandlers, Version, late_span
 from kbstore.writing.resolution import Violations
-from kbstore.writing.updates import Batch, Item, Step, closed_world_violations, goals_in, items_in, problem_batch
+from kbstore.writing.updates import Batch, Item, closed_world_violations, goals_in, items_in, problem_batch
 from kbstore.writing.working_state import WorkingState
 
 Result = TypeVar("Result")
@@ -103,17 +103,13 @@ class OpenTransaction:
                 "read the state again, and decide anew"
             )
         self.now = reader.resolver.now_for_writing(self._head)
-        stored = reader.symbol_table(self._repository, self._head, LogPosition(self.now))
-        self._symbols = SymbolTable(stored.domain, dict(stored.inferred))
-        self._stored_inferred = dict(stored.inferred)
-        self._domain = stored.domain
-        self._change_set = ChangeSet(self._repository, self.now, mentions)
-        running = reader.running(self._repository, LogPosition(self.now), self._head)
+        position = LogPosition(self.now)
+        symbols = reader.symbol_table(repository, self._head, position)
+        self._domain, self._stored_inferred = symbols.domain, dict(symbols.inferred)
+        self._change_set = ChangeSet(repository, self.now, mentions)
+        running = reader.running(repository, position, self._head)
         self._executor = ActionExecutor(self._change_set, running, self._head.last_run)
-        self._working = WorkingState(
-            repository, self._change_set, self._executor, self._domain, use_unknowns=reader.use_unknowns
-        )
-        self._use_symbols(self._symbols)
+        self._use_symbols(symbols)
 
     def _use_symbols(self, symbols: SymbolTable) -> None:
         self._symbols = symbols
@@ -154,13 +150,14 @@ class OpenTransaction:
             raise InvalidKnowledge("a load has failed half-way in this transaction; nothing of it has been stored")
         if self._reader.use_unknowns:
             self._handlers.end_uncertain()
-        self._working.follow_rates(self._symbols.domain)
+        if not self._executor.is_idle:
+            self._working.follow_rates(self._symbols.domain)
         writes = Flush(self._change_set, self._repository).rows()
         self._executor.write(writes)
         domain = self._symbols.domain
         if domain is not None and domain is not self._domain:
             writes.domain = DomainRow(domain.name, domain.source, json.dumps(sorted(domain.sensed)))
-        writes.changes += (writes.domain is not None) + self._executor.changes
+            writes.changes += 1
         if not writes.changes:
             return Transaction(self._head.number, self.now, self._client, self._note, 0)
         writes.symbols = [
@@ -176,30 +173,12 @@ class OpenTransaction:
         head = self._repository.save(writes, self._head, self.now, client=self._client, note=self._note)
         return Transaction(head.number, self.now, self._client, self._note, writes.changes)
 
-    def _apply(self, steps: Iterable[Step]) -> None:
-        """Run steps one after another, all or none; raise all violations together (rule D1)."""
-        violations: list[str] = []
-        other: KbStoreError | None = None
-        with self._atomic():
-            for step in steps:
-                try:
-                    violations += step()
-                except InvalidKnowledge as error:
-                    violations += error.violations
-                except KbStoreError as error:
-                    other = other or error
-            if violations:
-                raise InvalidKnowledge(*dict.fromkeys(violations))
-            if other is not None:
-                raise other
-
-    @contextmanager
-    def _atomic(self) -> Iterator[None]:
-        """Undo everything that the block changed, runs included, if it raises an error (rule C1)."""
+    def _atomically(self, act: Callable[[], Result]) -> Result:
+        """Call a function; if it raises an error, undo everything that it changed, runs included (rule C1)."""
         self._change_set.savepoint()
         runs, inferred = self._executor.copy(), dict(self._symbols.inferred)
         try:
-            yield
+            return act()
         except KbStoreError:
             self._change_set.roll_back()
             self._executor.restore(runs)
@@ -271,7 +250,7 @@ class OpenTransaction:
             )
             return
         handlers, t = self._open_handlers(), max(_time(initial_time, self.now), self.now)
-        self._apply([lambda: handlers.remove_metric(None, t)])
+        self._atomically(lambda: handlers.remove_metric(None, t))
 
     def _update(
         self,
@@ -340,7 +319,7 @@ class OpenTransaction:
     def _apply_batch(self, batch: Batch) -> None:
         for role, items in batch.items.items():
             self._change_set.prefetch(role, items)
-        self._apply(batch.steps)
+        self._atomically(batch.run)
 
     def replace(self, *items: Knowledge) -> None:
         """Make the state what the items assert, by the difference alone (rule C13)."""
@@ -484,10 +463,14 @@ class OpenTransaction:
     def _act(self, act: Callable[[], Result]) -> Result:
         """Call a function that executes an operator, all of it or nothing."""
         self._open_handlers()
-        with self._atomic():
-            return act()
+        return self._atomically(act)
 
     # -- the state as the transaction has it ------------------------------------------------------------------
+
+    @cached_property
+    def _working(self) -> WorkingState:
+        use_unknowns = self._reader.use_unknowns
+        return WorkingState(self._repository, self._change_set, self._executor, self._domain, use_unknowns=use_unknowns)
 
     def state(self) -> State:
         """Return the state at the transaction's now, with what it has written itself."""

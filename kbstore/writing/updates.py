@@ -81,6 +81,22 @@ class Batch:
                 self.steps.append(partial(_fail, knowledge, error))
         self.add(role, items, handler)
 
+    def run(self) -> None:
+        """Run the steps one after another. Raises all violations together, or else the first other error (rule D1)."""
+        violations: list[str] = []
+        other: KbStoreError | None = None
+        for step in self.steps:
+            try:
+                violations += step()
+            except InvalidKnowledge as error:
+                violations += error.violations
+            except KbStoreError as error:
+                other = other or error
+        if violations:
+            raise InvalidKnowledge(*dict.fromkeys(violations))
+        if other is not None:
+            raise other
+
     def read_updates(self, updates: Iterable[Any], handlers: Handlers | LateHandlers, symbols: SymbolTable) -> None:
         """Read pairs of an `UpdateType` and its item, and add steps for them."""
         for kind, group in groupby(updates, _kind):

@@ -34,7 +34,6 @@ class WorkingState:
         self._change_set = change_set
         self._executor = executor
         self._domain_before = domain
-        self._running_before = list(executor.running)
         self._rates_before: dict[Atom, float | None] | None = None
         self._use_unknowns = use_unknowns
 
@@ -63,7 +62,8 @@ class WorkingState:
     def _symbols(self, domain: Domain | None) -> set[str]:
         """Return the predicates and functions that matter to the rates of what runs, or ran before the transaction."""
         found: set[str] = set()
-        for version, running in ((self._domain_before, self._running_before), (domain, self._executor.running)):
+        executor = self._executor
+        for version, running in ((self._domain_before, executor.running_before), (domain, executor.running)):
             if version is not None:
                 for operator in {entry.run.operator for entry in running}:
                     found |= symbols(operator, version)
@@ -106,7 +106,7 @@ class WorkingState:
             pending |= {(row[0].identity, row[1]): row for row in self._repository.scheduled_at(kind, position)}
         if self._rates_before is None and self._moves_numbers(domain):
             stored = Snapshot(now, list(rows.values()), self._domain_before, self._use_unknowns)
-            self._rates_before = rates(self._running_before, stored)
+            self._rates_before = rates(self._executor.running_before, stored)
         self._change_set.overlay(rows, pending)
         return rows, pending
 
@@ -135,6 +135,7 @@ class WorkingState:
 
     def _moves_numbers(self, domain: Domain | None) -> bool:
         """Return whether something that runs, or stops in this transaction, moves numbers."""
-        return any(is_moving(entry.run.operator, self._domain_before) for entry in self._running_before) or any(
-            is_moving(entry.run.operator, domain) for entry in self._executor.running
+        executor = self._executor
+        return any(is_moving(entry.run.operator, self._domain_before) for entry in executor.running_before) or any(
+            is_moving(entry.run.operator, domain) for entry in executor.running
         )

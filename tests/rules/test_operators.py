@@ -265,6 +265,16 @@ def test_a_start_has_the_at_start_effects_and_is_part_of_the_state(depot, clock)
     assert depot.state(START + seconds(5)).running == [run]
 
 
+def test_a_state_within_a_transaction_keeps_what_ran(depot):
+    """O3: it is the state as it was when it was read, whatever the transaction starts or aborts afterwards."""
+    with depot.transaction() as tx:
+        before = tx.state()
+        run = tx.start(*ROUTE)
+        between = tx.state()
+        tx.abort(run)
+        assert (before.running, between.running, tx.state().running) == ([], [run], [])
+
+
 def test_an_end_has_the_at_end_effects(depot, clock):
     """O3: and the continuous effects stop."""
     run = depot.start(*ROUTE)
