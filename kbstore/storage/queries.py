@@ -61,9 +61,7 @@ def _head_for_update(dialect: str) -> Any:
 head_for_update = Statement(_head_for_update)
 """The head; on PostgreSQL, also whether nobody listens to the knowledge base (`kbstore.storage.notifications`)."""
 
-put_head = Statement(
-    tables.heads.update().where(_heads.kb_id == KB).values({name: parameter(name) for name in HEAD_COLUMNS})
-)
+put_head = BulkStatement.changing(tables.heads, *HEAD_COLUMNS, key={"kb_id": "kb"})
 
 last_token = Statement(select(_heads.last_token).where(_heads.kb_id == KB))
 

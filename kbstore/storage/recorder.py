@@ -2,6 +2,7 @@
 
 import secrets
 from collections.abc import Sequence
+from operator import itemgetter
 from typing import Any
 
 from kbstore.clock import OPEN
@@ -15,6 +16,9 @@ from kbstore.storage.records import Head, LateAssertion, RowChanges, RunRow, Sto
 from kbstore.storage.tables import PRESENT_SCHEDULES, RevisionKind
 
 _TOKEN_BITS = 62
+
+_in_order_of_table = itemgetter(*(HEAD_COLUMNS.index(name) for name in queries.put_head.columns[:-1]))
+"""Returns the values of a head in the order in which the statement takes them."""
 
 _DERIVED_ANEW = 1 << 30
 """The first place in a transaction of rows derived anew in a copy; no transaction records so many rows."""
@@ -31,22 +35,21 @@ class Recorder:
         self._now = now
         self.opened: dict[int, StoredAssertion] = {}
         """The new open rows on timelines that are not new."""
+        self._present = head.present
         self._revisions: list[tuple[Any, ...]] = []
         self._schedules: list[tuple[Any, ...]] = []
 
     def record(self, changes: RowChanges, client: str, note: str) -> Head:
         """Write all changes, advance the head, and return it."""
         connection, kb, before = self._connection, self._kb, self._head
-        added = [kind for rows in (changes.adds, changes.late) for kind, found in rows.items() if found]
-        present = before.present | sum(1 << kind for kind in set(added))
         token = secrets.randbits(_TOKEN_BITS)
         with connection.together():
             if changes.timelines:
                 self._add_timelines(changes.timelines)
             if changes.mentions:
                 # in the order of their index, which halves the time of inserting them
-                mentions = sorted((about.id, timeline.id) for about, timeline in changes.mentions)
-                connection.many(queries.add_mention, [(kb, about, timeline) for about, timeline in mentions])
+                mentions = sorted([(kb, about.id, timeline.id) for about, timeline in changes.mentions])
+                connection.many(queries.add_mention, mentions)
             last_timeline = before.timeline + len(changes.timelines)
             row = (kb, changes.changes, self._number, self._now, token, last_timeline, changes.late_from, client, note)
             connection.many(queries.add_transaction, [row])
@@ -62,15 +65,17 @@ class Recorder:
             connection.many(queries.add_schedule, self._schedules)
             if changes.runs or changes.ended_runs:
                 self._write_runs(changes)
-            head = before._replace(
-                number=self._number,
-                time=self._now,
-                token=token,
+            head = Head(
+                self._number,
+                self._now,
+                token,
                 late=before.late if changes.late_from is None else self._number,
                 timeline=last_timeline,
                 last_run=max(before.last_run, changes.last_run),
                 domain_version=before.domain_version + (changes.domain is not None),
-                present=present | (PRESENT_SCHEDULES if self._schedules else 0),
+                history_from=before.history_from,
+                present=self._present | (PRESENT_SCHEDULES if self._schedules else 0),
+                source=before.source,
             )
             put_head(connection, kb, head)
         return head
@@ -141,6 +146,7 @@ class Recorder:
     def _add_assertions(self, changes: RowChanges) -> None:
         seq = 0
         for kind, late in changes.late.items():
+            self._present |= 1 << kind
             rows = [self._late_row(seq + place, new) for place, new in enumerate(late)]
             seq += len(rows)
             self._connection.many(for_kind[kind].add_late, rows)
@@ -148,6 +154,7 @@ class Recorder:
         derived = {KnowledgeType.FUNCTION: changes.derived} if changes.derived else {}
         for is_derived, by_kind in ((False, changes.adds), (True, derived)):
             for kind, added in by_kind.items():
+                self._present |= 1 << kind
                 rows = [self._row(kind, seq + place, is_derived, *new) for place, new in enumerate(added)]
                 seq += len(rows)
                 self._connection.many(for_kind[kind].add, rows)
@@ -200,7 +207,7 @@ class Recorder:
 
 def put_head(connection: StoreConnection, kb: int, head: Head) -> None:
     """Write the head of a knowledge base."""
-    connection.run(queries.put_head, {"kb": kb, **dict(zip(HEAD_COLUMNS, head, strict=True))})
+    connection.many(queries.put_head, [(*_in_order_of_table(head), kb)])
     connection.announce(kb, head.number)
 
 

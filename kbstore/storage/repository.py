@@ -406,9 +406,9 @@ class Repository:
         """Return for each timeline the latest row that begins no later than `t`, and those ahead of it, in order."""
         head, open_rows = self.head(), self._memory.open_rows
         known = open_rows.of(head.token, ids)
-        missing = [id for id in ids if id not in known]
         read: dict[int, list[StoredAssertion]] = defaultdict(list)
-        if missing:
+        if len(known) < len(ids):
+            missing = [id for id in ids if id not in known]
             parameters = {"kb": self._kb, "ids": self._connection.array(missing), "t": t}
             for row in self._connection.all(for_kind[kind].live, parameters):
                 read[row[0]].append(StoredAssertion._make((*row[1:7], row[7:])))

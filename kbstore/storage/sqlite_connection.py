@@ -19,6 +19,8 @@ _LOG_LIMIT = 64 * 1024 * 1024
 """Bytes to which the write-ahead log is cut back once its pages are in the file."""
 
 
+_NOTHING = nullcontext()
+
 _LOOK_AGAIN = 0.02
 """The most seconds for which a file that was deleted or replaced may still be read; it is never written to."""
 
@@ -115,6 +117,9 @@ class SqliteConnection(StoreConnection):
             self._data_version = version
         return self._memory
 
+    lock_head = StoreConnection.first
+    """Return the head's row: a writer has SQLite's single write lock already."""
+
     def announce(self, kb: int, number: int) -> None:
         """Do nothing: caches of answers detect commits by SQLite's `data_version`."""
 
@@ -138,7 +143,7 @@ class SqliteConnection(StoreConnection):
 
     def together(self) -> AbstractContextManager[None]:
         """Do nothing: there is no server to which statements would be sent together."""
-        return nullcontext()
+        return _NOTHING
 
     def array(self, values: Sequence[Any]) -> str:
         """Return a JSON array, which ``json_each`` reads."""

@@ -5,8 +5,7 @@ Updates apply to the change set one after another. At the end each timeline is c
 """
 
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
-from itertools import chain
+from collections.abc import Collection, Iterable, Sequence
 
 from kbstore.clock import OPEN
 from kbstore.messages import Condition, Fact, Function, Instance, KnowledgeItem, KnowledgeType
@@ -49,13 +48,14 @@ class ChangeSet:
         """Return the timelines of one role and knowledge type that have been touched, by key."""
         return self._groups[role, kind]
 
-    def state(self, identity: Identity, spelling: str) -> TimelineState:
-        """Return a timeline, created with `spelling` if there is none."""
+    def state(self, identity: tuple[Role, KnowledgeType, str], spelling: str) -> TimelineState:
+        """Return a timeline by its identity, created with `spelling` if there is none."""
         role, kind, name = identity
         group = self._groups[role, kind]
         state = group.get(name)
         if state is None and name not in self._absent[role, kind]:
-            state = self.find(identity)
+            self.load(role, kind, (name,))
+            state = group.get(name)
         if state is None:
             timeline = Timeline(0, role, kind, name, None if spelling == name else spelling)
             state = group[name] = TimelineState(timeline, (), self.now)
@@ -78,7 +78,7 @@ class ChangeSet:
         missing = [name for name in keys if name not in group and name not in absent]
         if missing:
             absent.update(missing)
-            self.loaded(self._repository.find(role, kind, missing).values())
+            self._load(kind, self._repository.find(role, kind, missing).values())
 
     def prefetch(self, role: Role, items: Iterable[KnowledgeItem | Condition]) -> None:
         """Load the timelines that items will touch, as far as they can be known beforehand, in one go."""
@@ -111,16 +111,19 @@ class ChangeSet:
             if timeline.id not in self._by_id:
                 by_kind[timeline.kind].append(timeline)
         for kind, missing in by_kind.items():
-            rows = self._repository.rows_for_update(kind, [timeline.id for timeline in missing], self.now)
-            for timeline in missing:
-                state = TimelineState(timeline, rows.get(timeline.id, ()), self.now)
-                self._groups[timeline.role, kind][timeline.key] = state
-                self._by_id[timeline.id] = state
+            self._load(kind, missing)
         return [self._by_id[timeline.id] for timeline in timelines]
 
-    def states(self) -> Iterable[TimelineState]:
+    def _load(self, kind: KnowledgeType, timelines: Collection[Timeline]) -> None:
+        if timelines:
+            rows = self._repository.rows_for_update(kind, [timeline.id for timeline in timelines], self.now)
+            for timeline in timelines:
+                state = TimelineState(timeline, rows.get(timeline.id, ()), self.now)
+                self._groups[timeline.role, kind][timeline.key] = self._by_id[timeline.id] = state
+
+    def states(self) -> list[TimelineState]:
         """Return all timelines that have been touched."""
-        return chain.from_iterable(self._groups[group].values() for group in sorted(self._groups))
+        return [state for group in sorted(self._groups) for state in self._groups[group].values()]
 
     # -- the past ---------------------------------------------------------------------------------------------
 
@@ -274,7 +277,7 @@ class ChangeSet:
 
     def overlay(self, rows: dict[Identity, StateRow], pending: dict[tuple[Identity, int], StateRow]) -> None:
         """Apply the transaction's changes to stored rows: those that hold now, and the scheduled ones."""
-        for state in list(self.states()):
+        for state in self.states():
             identity = state.timeline.identity
             base = state.base(self.now)
             if state.value is None:

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from kbstore.clock import OPEN
 from kbstore.messages import KnowledgeType
 from kbstore.model.lifespans import Lifespan
-from kbstore.model.timelines import EndCause, Identity, Role, Timeline, Value
+from kbstore.model.timelines import EndCause, Role, Timeline, Value
 from kbstore.storage.records import LateAssertion, RowChanges, StoredAssertion
 from kbstore.storage.repository import Repository
 from kbstore.writing.change_set import ChangeSet
@@ -29,6 +29,7 @@ class Flush:
         self._repository = repository
         self._objects = change_set.group(Role.STATE, KnowledgeType.INSTANCE)
         self._writes = RowChanges()
+        self._new: dict[Timeline, None] = {}
 
     def rows(self) -> RowChanges:
         """Return the row changes that the transaction has to write."""
@@ -39,34 +40,28 @@ class Flush:
                     self._set.mentioning(track)
         # only objects with a schedule can end assertions at later times
         ends = {track.timeline.key: _ends(self._set.lifespans(track)) for track in self._all_scheduled_objects()}
-        for track in list(self._set.states()):
+        for track in self._set.states():
             self._finish_track(track, ends)
-        self._note_new()
+        writes.timelines = list(self._new)
         if writes.late or writes.supersedes:
             writes.late_from = self._set.late_from
         return writes
 
-    def _note_new(self) -> None:
-        """Add the new timelines, and the objects that they mention, to what is written."""
-        writes = self._writes
-        new: dict[Timeline, None] = {}
-        objects = self._objects
-        added = [(timeline, value) for rows in writes.adds.values() for timeline, _, _, value in rows]
-        added += [(late.timeline, late.value) for rows in writes.late.values() for late in rows]
-        for timeline, value in added:
-            if not timeline.id:
-                new[timeline] = None
-            elif timeline.kind is not KnowledgeType.EXPRESSION:
-                continue
-            for name in self._set.mentions(timeline, value):
-                known = objects.get(name)
-                if known is None:
-                    known = self._set.state(Identity(Role.STATE, KnowledgeType.INSTANCE, name), name)
-                about = known.timeline
-                if not about.id:
-                    new[about] = None
-                writes.mentions.append((about, timeline))
-        writes.timelines = list(new)
+    def _note_new(self, timeline: Timeline, value: Value) -> None:
+        """Add what a new assertion needs to what is written: its timeline, and the objects that it mentions."""
+        if not timeline.id:
+            self._new[timeline] = None
+        elif timeline.kind is not KnowledgeType.EXPRESSION:
+            # another assertion on it has mentioned the same objects
+            return
+        for name in self._set.mentions(timeline, value):
+            known = self._objects.get(name)
+            if known is None:
+                known = self._set.state((Role.STATE, KnowledgeType.INSTANCE, name), name)
+            about = known.timeline
+            if not about.id:
+                self._new[about] = None
+            self._writes.mentions.append((about, timeline))
 
     def _all_scheduled_objects(self) -> list[TimelineState]:
         found = [track for track in self._objects.values() if track.ahead]
@@ -101,6 +96,7 @@ class Flush:
                     writes.derived.append((track.timeline, start, end, entry))
             elif stored is None:
                 changed = True
+                self._note_new(track.timeline, entry)
                 if start < self._now:
                     first_recorded = track.pieces(self._now)[-1].first_recorded
                     writes.late[kind].append(LateAssertion(track.timeline, start, end, entry, first_recorded, None))
@@ -182,6 +178,7 @@ class Flush:
                 ended = None if piece.end in pieces else piece.ended
                 if piece.end == self._now and ended is None and is_ended_now:
                     ended = (None, track.cause)
+                self._note_new(track.timeline, piece.value)
                 writes.late[kind].append(
                     LateAssertion(track.timeline, start, piece.end, piece.value, piece.first_recorded, ended)
                 )

@@ -395,4 +395,4 @@ class Handlers:
         for kind in KnowledgeType:
             rows = [*self._repository.state_at(kind, position), *self._repository.scheduled_at(kind, position)]
             self._change_set.loaded({timeline.id: timeline for timeline, *_ in rows}.values())
-        return list(self._change_set.states())
+        return self._change_set.states()
