@@ -32,6 +32,7 @@ from kbstore.messages import (
     Truth,
     UpdateType,
 )
+from kbstore.messages.gc_pause import gc_paused
 from kbstore.model.assertions import Assertions
 from kbstore.model.domain import Domain
 from kbstore.model.results import (
@@ -230,7 +231,7 @@ class KnowledgeBase:
 
         Raises `InvalidKnowledge` with all violations; nothing is stored then.
         """
-        with self.transaction(client=client, note=note) as tx:
+        with gc_paused(), self.transaction(client=client, note=note) as tx:
             tx.add(*items, initial_time=initial_time, since=since, until=until)
         return tx.result
 
@@ -249,7 +250,7 @@ class KnowledgeBase:
         remove what matched then, up to the next beginning on its timeline; with `until`, what matched between the two
         (rule L3).
         """
-        with self.transaction(client=client, note=note) as tx:
+        with gc_paused(), self.transaction(client=client, note=note) as tx:
             tx.remove(*items, initial_time=initial_time, since=since, until=until)
         return tx.result
 
@@ -263,7 +264,7 @@ class KnowledgeBase:
         note: str = "",
     ) -> Transaction:
         """Add to the goal; a conjunction is split into its parts (rule C10). Times are as for `add`."""
-        with self.transaction(client=client, note=note) as tx:
+        with gc_paused(), self.transaction(client=client, note=note) as tx:
             tx.add_goal(*goals, initial_time=initial_time, since=since, until=until)
         return tx.result
 
@@ -277,7 +278,7 @@ class KnowledgeBase:
         note: str = "",
     ) -> Transaction:
         """Remove what matches from the goal. Times are as for `remove`."""
-        with self.transaction(client=client, note=note) as tx:
+        with gc_paused(), self.transaction(client=client, note=note) as tx:
             tx.remove_goal(*goals, initial_time=initial_time, since=since, until=until)
         return tx.result
 
@@ -307,7 +308,7 @@ class KnowledgeBase:
         note: str = "",
     ) -> Transaction:
         """Make several updates in order, all or none: pairs of an `UpdateType`, or its number, and knowledge."""
-        with self.transaction(client=client, note=note) as tx:
+        with gc_paused(), self.transaction(client=client, note=note) as tx:
             tx.update(updates, since=since, until=until)
         return tx.result
 
@@ -358,7 +359,7 @@ class KnowledgeBase:
         Raises:
             InvalidKnowledge: with all violations; also for an item of a future time, a relative change or a metric.
         """
-        with self.transaction(client=client, note=note) as tx:
+        with gc_paused(), self.transaction(client=client, note=note) as tx:
             tx.replace(*items)
         return tx.result
 
@@ -389,7 +390,7 @@ class KnowledgeBase:
             PddlSyntaxError: with the place, for text that cannot be read.
             InvalidKnowledge: with everything that does not fit the domain.
         """
-        with self.transaction(client=client, note=note) as tx:
+        with gc_paused(), self.transaction(client=client, note=note) as tx:
             tx.load(domain, problem, replace=replace, once=once)
         return tx.result
 

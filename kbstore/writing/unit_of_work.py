@@ -4,6 +4,7 @@ import json
 import os
 import threading
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import AbstractContextManager
 from functools import cached_property
 from hashlib import sha256
 from types import TracebackType
@@ -74,12 +75,14 @@ class OpenTransaction:
         self._loads: list[str] = []
         self._refuse_writing = refuse_writing
         self._writing = writing
+        self._context: AbstractContextManager[object] | None = None
 
     def __enter__(self) -> Self:
         self._refuse_writing()
         database, borrowed = self._reader.database, self._reader.borrowed
-        self._context = database.begin() if borrowed is None else database.savepoint(borrowed)
-        connection = self._context.__enter__()
+        context = database.begin() if borrowed is None else database.savepoint(borrowed)
+        connection = context.__enter__()
+        self._context = context
         try:
             self._begin(Repository(connection, self._reader.kb, self._reader.memory))
             self._is_open = self._writing.open = True
@@ -123,18 +126,27 @@ class OpenTransaction:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Store and commit; an error in storing rolls back, like one in the block."""
+        """Store and commit; an error in storing rolls back, like one in the block. Nothing if it is not open."""
+        context, self._context = self._context, None
+        if context is None:
+            return
         self._is_open = self._writing.open = False
         try:
             if kind is None:
                 with gc_paused():
                     self.result = self._store()
         except BaseException as failure:
-            self._context.__exit__(type(failure), failure, failure.__traceback__)
+            context.__exit__(type(failure), failure, failure.__traceback__)
             raise
-        self._context.__exit__(kind, error, trace)
+        context.__exit__(kind, error, trace)
         if kind is None:
             self._repository.committed()
+        self._release()
+
+    def _release(self) -> None:
+        """Free what the transaction has worked with, before the garbage collector may go through all of it."""
+        for made in ("_change_set", "_executor", "_handlers", "_repository", "_working"):
+            vars(self).pop(made, None)
 
     def _open_handlers(self) -> Handlers:
         """Return the handlers. Raises `Conflict` outside of the block, where updates would be lost silently."""
