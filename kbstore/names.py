@@ -16,13 +16,8 @@ _FORBIDDEN = re.compile(
 )
 
 
-def key(name: str) -> str:
-    """Return the form in which names are compared: case does not matter.
-
-    >>> key("Kenny")
-    'kenny'
-    """
-    return name.lower()
+key = str.lower
+"""Returns the form in which names are compared: case does not matter."""
 
 
 def bracketed(name: str, *arguments: str) -> str:
@@ -50,7 +45,7 @@ class NameMapping(Mapping[str, _Value]):
     def __getitem__(self, name: str) -> _Value:
         try:
             return self._by_key[key(name)]
-        except (KeyError, AttributeError):
+        except (KeyError, TypeError):
             raise KeyError(name) from None
 
     def __iter__(self) -> Iterator[str]:

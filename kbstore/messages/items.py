@@ -71,12 +71,12 @@ class _Attribute(_Item):
     @lazy
     def arguments(self) -> tuple[str, ...]:
         """The names of the arguments, in the item's order."""
-        return tuple(value.value for value in self.values)
+        return tuple([value.value for value in self.values])
 
     @lazy
     def labels(self) -> tuple[str, ...]:
         """The labels of the arguments, empty where there are none."""
-        return tuple(value.key for value in self.values)
+        return tuple([value.key for value in self.values])
 
     @lazy
     def key(self) -> tuple[str, ...]:

@@ -18,7 +18,7 @@ from hashlib import sha256
 from typing import Any, NamedTuple
 
 from kbstore.clock import SECOND
-from kbstore.messages.enums import KnowledgeType
+from kbstore.messages.enums import KnowledgeType, plain
 
 Value = tuple[Any, ...]
 
@@ -29,6 +29,7 @@ METRIC_KEY = ""
 """The key of the one timeline of the metric (rule C11)."""
 
 
+@plain
 class Role(IntEnum):
     """The role of a timeline's assertions in the knowledge base."""
 
@@ -41,6 +42,7 @@ class Role(IntEnum):
     """A domain and a problem that have been loaded; the timeline is the record of it, and nothing is asserted on it."""
 
 
+@plain
 class EndCause(IntEnum):
     """Why a transaction ended an assertion at its own time."""
 

@@ -73,7 +73,7 @@ Knowledge = (
 Question = Knowledge | ExpressionMessage | formulas.Formula | NumericExpression
 """A question: a piece of knowledge, or a condition or an expression, as a message or of the model."""
 
-_ITEMS = (Instance, Fact, Function, Expression, Inequality)
+_ITEMS = (Fact, Function, Instance, Expression, Inequality)
 _FORMULAS = get_args(formulas.Formula)
 _DECODED = (str, *_ITEMS, Condition, ExprComposite, DomainInequality, *_FORMULAS, tuple)
 
@@ -113,7 +113,7 @@ def as_item(knowledge: Question, symbol_table: SymbolTable) -> KnowledgeItem:
         return item
     given = decoded(knowledge)
     match given:
-        case Instance() | Fact() | Function():
+        case Fact() | Function() | Instance():
             return given
         case DomainInequality():
             return as_item(Inequality(ineq=given), symbol_table)

@@ -184,9 +184,13 @@ class Recorder:
 
     def _add_timelines(self, timelines: Sequence[Timeline]) -> None:
         """Write new timelines, with the numbers that follow the last one."""
+        rows: list[Sequence[Any]] = []
         for id, timeline in enumerate(timelines, self._head.timeline + 1):
             timeline.id = id
-        self._connection.many(queries.add_timeline, [_timeline_row(self._kb, new) for new in timelines])
+            key, spelling = stored_key(timeline.key), timeline.spelling
+            where = self._kb, int(timeline.role), int(timeline.kind), id
+            rows.append((*where, key, None if spelling == key else spelling))
+        self._connection.many(queries.add_timeline, rows)
 
     def _write_runs(self, changes: RowChanges) -> None:
         connection, kb = self._connection, self._kb
@@ -209,9 +213,3 @@ def put_head(connection: StoreConnection, kb: int, head: Head) -> None:
     """Write the head of a knowledge base."""
     connection.many(queries.put_head, [(*_in_order_of_table(head), kb)])
     connection.announce(kb, head.number)
-
-
-def _timeline_row(kb: int, timeline: Timeline) -> tuple[Any, ...]:
-    stored = stored_key(timeline.key)
-    spelling = None if timeline.spelling == stored else timeline.spelling
-    return kb, int(timeline.role), int(timeline.kind), timeline.id, stored, spelling

@@ -41,7 +41,7 @@ class NameResolver:
         self.domain = symbols.domain
         self._change_set = change_set
         self._now = change_set.now
-        self._forms = {} if symbols.domain is None else _forms_of.setdefault(symbols.domain, {})
+        self._forms: dict[tuple[KnowledgeType, str], _Declared] = {}
         self._objects: dict[str, tuple[str, str]] = {}
         self._objects_seen = change_set.objects_changed
 
@@ -137,14 +137,14 @@ class NameResolver:
         The hot path of bulk updates.
         """
         state = self._change_set.group(role, kind).get(item.timeline_key)
+        labels = item.labels
+        # an assertion that holds was checked, and mentions only objects that exist
         holds = state is not None and state.value is not None
-        is_labelled = any(item.labels)
-        if holds and not is_labelled:
-            # an assertion that holds was checked, and mentions only objects that exist
+        if holds and not any(labels):
             return state
         keys = item.key
         form = self._forms.get((kind, keys[0])) or self._form(kind, item.attribute_name)
-        if form is None or len(keys) != len(form.allowed) + 1 or (is_labelled and item.labels != form.labels):
+        if form is None or len(keys) != len(form.allowed) + 1 or (labels != form.labels and any(labels)):
             return None
         if holds:
             return state
@@ -163,16 +163,23 @@ class NameResolver:
             if seen[0] not in allowed:
                 return None
             spelling += f" {seen[1]}"
-        return state or self._change_set.state(Identity(role, kind, item.timeline_key), spelling)
+        if state is None:
+            state = self._change_set.state((role, kind, item.timeline_key), spelling)
+            state.timeline.keys = keys
+        return state
 
     def _form(self, kind: KnowledgeType, name: str) -> "_Declared | None":
         """Return the domain's declaration of a symbol; None without a domain, or where it does not know the symbol."""
         if self.domain is None or not self.symbols.known(kind, name):
             return None
-        signature = self.symbols.signature(kind, name)
-        assert signature is not None
-        allowed = tuple(self.domain.subtypes(parameter.types) for parameter in signature.parameters)
-        form = self._forms[kind, key(name)] = _Declared(signature.name, signature.labels, allowed)
+        forms = _forms_of.setdefault(self.domain, {})
+        form = forms.get((kind, key(name)))
+        if form is None:
+            signature = self.symbols.signature(kind, name)
+            assert signature is not None
+            allowed = tuple(self.domain.subtypes(parameter.types) for parameter in signature.parameters)
+            form = forms[kind, key(name)] = _Declared(signature.name, signature.labels, allowed)
+        self._forms[kind, key(name)] = form
         return form
 
     def _state(self, role: Role, kind: KnowledgeType, name: str, arguments: Sequence[str]) -> TimelineState:
