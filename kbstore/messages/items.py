@@ -112,14 +112,18 @@ class Fact(_Attribute):
         ) -> None: ...
 
 
-def trusted_fact(name: str, values: Values, *, is_negative: bool = False) -> Fact:
-    """Make a fact of parts that are known to be valid, with the defaults of all other fields."""
+def trusted_fact(name: str, values: Values, *, is_negative: bool = False, **known: Any) -> Fact:
+    """Make a fact of parts that are known to be valid, with the defaults of all other fields.
+
+    `known` are the values of `lazy` properties that need not be computed again.
+    """
     return Fact.trusted(
         initial_time=0,
         is_negative=is_negative,
         attribute_name=name,
         values=values,
         knowledge_type=KnowledgeType.FACT,
+        **known,
     )
 
 

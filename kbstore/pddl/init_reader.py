@@ -81,7 +81,7 @@ class InitReader:
                 raise self.scope.error(f"a fact is in brackets, like ({group})", section, index)
             values = self._facts.values(group)
             if values is not None:
-                self.entries.append(trusted_fact(str(group[0]), values))
+                self.entries.append(trusted_fact(str(group[0]), values, arguments=tuple(group[1:])))
             elif group.word(0) == "at" and len(group) == 3 and isinstance(group[2], Group):
                 if self._is_object_value(group[2], ("=", "assign")):
                     self.timed_values.append((self._time(group), *self._object_value(group[2])))

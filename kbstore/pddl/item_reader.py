@@ -41,13 +41,20 @@ _ADVICE = (
 
 def labelled(arguments: tuple[str, ...], signature: Signature | None) -> tuple[KeyValue, ...]:
     """Label arguments by the signature; without one, or if their number does not fit, labels are empty."""
-    labels = signature.labels if signature is not None and len(signature.labels) == len(arguments) else None
-    return key_values(labels or ("",) * len(arguments), arguments)
+    return key_values(_labels(arguments, signature), arguments)
 
 
-def fact_of(atom: Atom, signature: Signature | None, is_negative: bool = False) -> Fact:
-    """Return an atom as a fact."""
-    return trusted_fact(atom.name, labelled(atom.arguments, signature), is_negative=is_negative)
+def _labels(arguments: tuple[str, ...], signature: Signature | None) -> tuple[str, ...]:
+    if signature is not None and len(signature.labels) == len(arguments):
+        return signature.labels
+    return ("",) * len(arguments)
+
+
+def fact_of(name: str, arguments: tuple[str, ...], signature: Signature | None, is_negative: bool = False) -> Fact:
+    """Make a fact of an atom's parts."""
+    labels = _labels(arguments, signature)
+    values = key_values(labels, arguments)
+    return trusted_fact(name, values, is_negative=is_negative, arguments=arguments, labels=labels)
 
 
 def function_of(
@@ -88,12 +95,12 @@ class ItemReader:
     def item(self, group: Group) -> KnowledgeItem:
         """Read the item in a group."""
         negative = False
-        while group.word(0) == "not":
+        while (word := group.word(0)) == "not":
             inner = group[1] if len(group) == 2 else None
             if not isinstance(inner, Group):
                 raise self.scope.error(f"(not ...) takes one item in brackets: {node_text(group, 60)}", group)
             group, negative = inner, not negative
-        item = self._positive(group)
+        item = self._positive(group, word)
         if not negative:
             return item
         if isinstance(item, Metric) or (isinstance(item, Function) and item.function_value is not None):
@@ -157,9 +164,9 @@ class ItemReader:
             )
         return Instance(instance_name=name, instance_type=type_name)
 
-    def _positive(self, group: Group) -> KnowledgeItem:
-        scope, word = self.scope, group.word(0)
-        words = group.is_flat()
+    def _positive(self, group: Group, word: str) -> KnowledgeItem:
+        """Read the item in a group that begins with a word, or with a group if that is empty, and not with `not`."""
+        scope, words = self.scope, group.is_flat()
         if words and group and word not in _RESERVED and "-" not in group[1:2]:
             # nearly all that there is to read
             return self._atom(str(group[0]), tuple(group[1:]))  # type: ignore[arg-type]
@@ -187,7 +194,7 @@ class ItemReader:
         predicate = self.predicate(name)
         if predicate is None and (function := self.function(name)) is not None:
             return function_of(Atom(name, arguments), function, None)
-        return fact_of(Atom(name, arguments), predicate)
+        return fact_of(name, arguments, predicate)
 
     def _compared(self, group: Group) -> KnowledgeItem:
         """Read a comparison: ``(= (f a) 3)`` is the value of a function, every other one an inequality."""

@@ -169,7 +169,7 @@ def goal_of(part: Formula, items: ItemReader) -> Goal:
         return ConditionMessage(text=condition_text(part))  # no other message can carry object fluents
     match positive:
         case Atom():
-            return fact_of(positive, items.predicate(positive.name), positive is not part)
+            return fact_of(positive.name, positive.arguments, items.predicate(positive.name), positive is not part)
         case Comparison():
             return items.inequality(positive, positive is not part)
     for occurrence in walk(part, {}):

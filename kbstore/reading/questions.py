@@ -86,7 +86,7 @@ def decoded(question: Question) -> _Decoded:
     Raises `InvalidKnowledge` if it does not have the fields of any message, or if one of them is wrong.
     """
     if isinstance(question, _DECODED):
-        return cast("_Decoded", question)
+        return question  # type: ignore[no-any-return]
 
     def has(field: str) -> bool:
         return field in question if isinstance(question, Mapping) else hasattr(question, field)

@@ -25,7 +25,7 @@ domain versions and the timelines of prepared questions are marked with the gene
 is computed once for each symbol of a domain; these depend on their arguments alone, and are never wrong.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, Generic, TypeVar
 
 TIMELINES = 200_000
@@ -98,6 +98,18 @@ class LRU(dict[_Key, _Value], Generic[_Key, _Value]):
         self[key] = value
         if self._dropped:
             self._release(size)
+
+    def put_all(self, values: Mapping[_Key, _Value]) -> None:
+        """Cache values of size 1, many of which fit at once into the younger generation."""
+        room = self._bound // 2 - self._used
+        if len(values) <= room:
+            self._used += len(values)
+            self.update(values)
+            if self._dropped:
+                self._release(len(values))
+        else:
+            for key, value in values.items():
+                self.put(key, value)
 
     def _release(self, room: int) -> None:
         """Release dropped entries of a total size of `room`."""

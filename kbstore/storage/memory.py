@@ -38,6 +38,15 @@ class TimelineCache:
         self.by_id.put(timeline.id, timeline)
         self.by_key[timeline.role, timeline.kind].put(timeline.key, timeline)
 
+    def put_all(self, timelines: Iterable[Timeline]) -> None:
+        """Cache timelines that are committed."""
+        by_key: dict[tuple[Role, KnowledgeType], dict[str, Timeline]] = defaultdict(dict)
+        for timeline in timelines:
+            by_key[timeline.role, timeline.kind][timeline.key] = timeline
+        for group, found in by_key.items():
+            self.by_id.put_all({timeline.id: timeline for timeline in found.values()})
+            self.by_key[group].put_all(found)
+
 
 class OpenRows:
     """The open rows that a writer read or wrote lately, at most one for each timeline, as of one transaction.
@@ -57,7 +66,8 @@ class OpenRows:
             if token != self._token:
                 self._rows.clear()
                 self._token = token
-            return {id: row for id in ids if (row := self._rows.find(id)) is not None}
+            rows = self._rows
+            return {id: row for id in ids if (row := rows.get(id) or rows.find(id)) is not None}
 
     def put(self, token: int, rows: Mapping[int, StoredAssertion]) -> None:
         """Cache rows that were read as of the transaction with a token."""
@@ -71,8 +81,7 @@ class OpenRows:
                 # so that an interrupt half-way leaves the rows without a transaction, and unused
                 self._token = None
                 self._rows.drop(gone)
-                for id, row in rows.items():
-                    self._rows.put(id, row)
+                self._rows.put_all(rows)
                 self._token = token
 
 
@@ -138,8 +147,7 @@ class StoreMemory:
             # a thread that committed later may have been here before
             if progress.acknowledged is None or progress.acknowledged.number <= head.number:
                 progress.seen = progress.acknowledged = Mark(head.number, head.token)
-        for timeline in timelines:
-            self.timelines.put(timeline)
+        self.timelines.put_all(timelines)
 
     def look(self, seen: Mark, now: Mark, token_of: Callable[[int], int | None]) -> bool:
         """Take note of the end of the log.

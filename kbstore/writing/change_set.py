@@ -203,8 +203,9 @@ class ChangeSet:
 
     def follow(self, events: Iterable[TimelineEvent]) -> None:
         """Take over the values and rates that runs give to numbers: now, and later as derived assertions (rule O5)."""
-        for state in self.loaded(self._repository.derived_ahead(self.now)):
-            state.derived = {}
+        derived: dict[TimelineState, dict[int, Value | None]] = {
+            state: {} for state in self.loaded(self._repository.derived_ahead(self.now))
+        }
         for event in events:
             if event.timeline.kind is not KnowledgeType.FUNCTION:
                 continue
@@ -215,7 +216,9 @@ class ChangeSet:
             elif event.time in state.ahead and event.value is not None:
                 state.ahead[event.time] = event.value
             else:
-                state.derived[event.time] = event.value
+                derived.setdefault(state, {})[event.time] = event.value
+        for state, values in derived.items():
+            state.derived = values
 
     # -- objects ----------------------------------------------------------------------------------------------
 

@@ -1,7 +1,9 @@
 """One timeline in a transaction."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+from typing import Any
 
 from kbstore.clock import OPEN
 from kbstore.messages import KnowledgeType
@@ -31,6 +33,10 @@ class KnownPast:
     is_ended_now: bool = False
 
 
+_NOTHING: Mapping[int, Any] = MappingProxyType({})
+"""No schedule, as nearly all timelines have it; shared by them, as a transaction may touch many thousands."""
+
+
 class TimelineState:
     """A timeline from now on as stored, and as the transaction leaves it."""
 
@@ -40,22 +46,24 @@ class TimelineState:
         self.timeline = timeline
         self.latest: StoredAssertion | None = None
         """The latest stored row that begins no later than now; it may have ended."""
-        self.stored_ahead: dict[int, StoredAssertion] = {}
-        self.stored_derived: dict[int, StoredAssertion] = {}
+        self.stored_ahead: Mapping[int, StoredAssertion] = _NOTHING
+        self.stored_derived: Mapping[int, StoredAssertion] = _NOTHING
         """Rows ahead of a function that moves at another rate from then on, by what runs (rule O5)."""
         self.ahead: dict[int, Value] = {}
         """The scheduled values, by time."""
-        self.derived: dict[int, Value | None] = {}
+        self.derived: Mapping[int, Value | None] = _NOTHING
         """The values derived for later times from the schedule and runs; None if nothing holds from then on."""
+        later: list[StoredAssertion] = []
         for row in rows:
             if row.initial_time <= now:
                 self.latest = row
-            elif row.is_derived:
-                self.stored_derived[row.initial_time] = row
-                self.derived[row.initial_time] = row.value
             else:
-                self.stored_ahead[row.initial_time] = row
-                self.ahead[row.initial_time] = row.value
+                later.append(row)
+        if later:
+            self.stored_ahead = {row.initial_time: row for row in later if not row.is_derived}
+            self.stored_derived = {row.initial_time: row for row in later if row.is_derived}
+            self.ahead = {t: row.value for t, row in self.stored_ahead.items()}
+            self.derived = {t: row.value for t, row in self.stored_derived.items()}
         base = self.base(now)
         self.value = None if base is None else value_now(timeline.kind, base, now)
         """The value that holds now; a function's has its number at now. None if nothing holds."""
@@ -102,11 +110,12 @@ class TimelineState:
         past = self.past
         # a past that has only been read can be read again
         kept = replace(past, rows=list(past.rows)) if past is not None and past.is_edited else None
-        return self.value, self.ahead.copy(), self.cause, kept
+        return self.value, self.ahead.copy() if self.ahead else _NOTHING, self.cause, kept
 
     def restore(self, copy: "Copy") -> None:
         """Undo what was done since the copy was made."""
-        self.value, self.ahead, self.cause, self.past = copy
+        self.value, ahead, self.cause, self.past = copy
+        self.ahead = dict(ahead)
 
 
 def value_now(kind: KnowledgeType, row: StoredAssertion, now: int) -> Value:
@@ -117,4 +126,4 @@ def value_now(kind: KnowledgeType, row: StoredAssertion, now: int) -> Value:
     return (False, number_at(value, row.initial_time, now), *value[2:])
 
 
-Copy = tuple[Value | None, dict[int, Value], EndCause, KnownPast | None]
+Copy = tuple[Value | None, Mapping[int, Value], EndCause, KnownPast | None]

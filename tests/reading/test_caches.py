@@ -95,3 +95,19 @@ def test_what_is_stale_is_dropped_from_both_generations():
     assert [t for t in (10, 20, 30) if cache.find(t)] == [10]
     cache.clear()
     assert cache.find(10) is None
+
+
+def test_putting_many_is_putting_one_after_another():
+    """With `put_all`, the two generations and what is not yet released are the same as after a `put` for each."""
+    at_once, one_by_one = LRU(30), LRU(30)
+    for size in (0, 4, 11, 1, 40, 3, 15, 16, 2, 9):
+        values = {number * 5 % 17: number for number in range(size)}
+        at_once.put_all(values)
+        for key, value in values.items():
+            one_by_one.put(key, value)
+        assert at_once.find(3) == one_by_one.find(3)
+        assert dict(at_once) == dict(one_by_one)
+        assert (at_once._older, at_once._dropped) == (one_by_one._older, one_by_one._dropped)
+    at_once = LRU(0)
+    at_once.put_all({"a": 1})
+    assert len(at_once) == 0
