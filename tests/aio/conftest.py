@@ -1,4 +1,4 @@
-"""Knowledge bases for asyncio on each kind of store, and what is left of their threads."""
+"""Knowledge bases for asyncio on each kind of store, and checks that no threads are left."""
 
 import asyncio
 import itertools
@@ -17,7 +17,7 @@ _numbers = itertools.count(1)
 
 @pytest.fixture
 def run(store_url):
-    """Runs a test's coroutine with an open knowledge base; no thread of kbstore is left afterwards."""
+    """Run a test's coroutine with an open knowledge base; no thread of kbstore is left afterwards."""
 
     def running(test, **options):
         async def main():

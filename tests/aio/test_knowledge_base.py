@@ -1,4 +1,4 @@
-"""Asking and telling a knowledge base from many tasks."""
+"""Reading and writing a knowledge base from many tasks."""
 
 import asyncio
 import threading
@@ -12,19 +12,19 @@ from tests.aio.conftest import threads
 from tests.conftest import START
 
 
-def test_what_is_told_is_answered(run):
+def test_added_knowledge_is_returned(run):
     """The answers and the errors are those of `kbstore.KnowledgeBase`."""
 
     async def test(kb):
-        told = await kb.add("hall - place", "(open hall)", "(= (f) 3)", client="door")
-        assert (told.client, told.changes) == ("door", 3)
+        added = await kb.add("hall - place", "(open hall)", "(= (f) 3)", client="door")
+        assert (added.client, added.changes) == ("door", 3)
         assert await kb.holds("(open hall)")
         assert await kb.truth("(p)") is Truth.FALSE
         assert await kb.value("(* 2 (f))") == 6
         assert await kb.find("(open ?x)") == [{"x": "hall"}]
         assert (await kb.state(at=await kb.now())).holds("(open hall)")
         assert [change.number async for change in kb.changes()] == [1, 2]
-        assert [change.number async for change in kb.changes(after=told)] == []
+        assert [change.number async for change in kb.changes(after=added)] == []
         assert (await kb.domain).name == "d"
         assert await kb.history_from == 0
         assert "(open hall)" in await kb.to_pddl()
@@ -38,8 +38,8 @@ def test_what_is_told_is_answered(run):
     run(test)
 
 
-def test_changes_come_all_and_in_order(run):
-    """Q6: also where they are more than a thread takes at once."""
+def test_all_changes_come_in_order(run):
+    """Q6: also where there are more than a thread fetches at once."""
 
     async def test(kb):
         for number in range(300):
@@ -50,7 +50,7 @@ def test_changes_come_all_and_in_order(run):
 
 
 class Witness(ManualClock):
-    """A clock that remembers who has asked it."""
+    """A clock that records which threads have read it."""
 
     def __init__(self):
         super().__init__(START)
@@ -89,7 +89,7 @@ def test_a_short_question_needs_no_thread(tmp_path):
 
 
 def test_a_question_does_not_stop_an_open_transaction(run, store_url):
-    """The event loop goes on; in memory, where there is one connection, the question is answered after it."""
+    """The event loop is not blocked; in memory, with one connection, the question is answered after it."""
 
     async def test(kb):
         await kb.add("(p)")
@@ -142,7 +142,7 @@ def test_a_transaction_sees_its_own_writes(run):
 
 
 def test_an_exception_stores_nothing(run):
-    """C1: and the next transaction takes the number."""
+    """C1: the next transaction takes the number."""
 
     async def test(kb):
         async def write(*items, expect=None):
@@ -163,7 +163,7 @@ def test_an_exception_stores_nothing(run):
 
 
 def test_a_task_that_is_cancelled_in_its_block_stores_nothing(run):
-    """Its writing is rolled back, and those who waited go on."""
+    """Its writes are rolled back, and waiting tasks continue."""
 
     async def test(kb):
         begun = asyncio.Event()
@@ -189,7 +189,7 @@ def test_a_task_that_is_cancelled_in_its_block_stores_nothing(run):
 
 
 def test_writing_past_an_open_transaction_is_refused(run):
-    """In the task of the block, and in those that it begins: they would wait for each other for ever."""
+    """In the task of the block, and in those that it starts: they would wait for each other forever."""
 
     async def test(kb):
         async with kb.transaction() as tx:
@@ -210,7 +210,7 @@ def test_writing_past_an_open_transaction_is_refused(run):
 
 @pytest.mark.parametrize("cancelled_twice", [False, True])
 def test_a_cancelled_write_that_has_begun_is_finished_first(run, cancelled_twice):
-    """When the cancellation is raised it has been stored; what had not begun never is."""
+    """When the cancellation is raised the write has been stored; a write that had not begun never is."""
 
     async def test(kb):
         begun, going_on = threading.Event(), threading.Event()
@@ -238,8 +238,8 @@ def test_a_cancelled_write_that_has_begun_is_finished_first(run, cancelled_twice
     assert run(test) == (True, False)
 
 
-def test_a_transaction_that_is_cancelled_while_it_begins_is_given_up(tmp_path):
-    """Its lock is not left behind: it waits for another program's, the cancellation comes, and others write."""
+def test_a_transaction_cancelled_while_it_begins_releases_its_lock(tmp_path):
+    """Its lock is not left behind: it waits for another program's lock, is cancelled, and others write."""
 
     async def test():
         async with aio.open(tmp_path / "k.db") as kb:
@@ -263,7 +263,7 @@ def test_a_transaction_that_is_cancelled_while_it_begins_is_given_up(tmp_path):
 
 
 def test_it_is_opened_with_or_without_a_block(tmp_path):
-    """Awaited it is closed by `close`, twice if need be; afterwards it is `StoreUnavailable`."""
+    """Awaited, it is closed by `close`, which may be called twice; afterwards it is `StoreUnavailable`."""
 
     async def test():
         kb = await aio.open(tmp_path / "k.db", "kenny")
@@ -300,7 +300,7 @@ def test_a_store_that_cannot_be_opened_leaves_no_thread(tmp_path):
 
 
 def test_closing_waits_for_a_transaction_of_another_task(run):
-    """What it has begun is stored."""
+    """The transaction that has begun is stored."""
 
     async def test(kb):
         begun = asyncio.Event()
@@ -321,7 +321,7 @@ def test_closing_waits_for_a_transaction_of_another_task(run):
 
 
 def test_an_action_runs(run):
-    """O3: it is started, runs, and ends, as it does without asyncio."""
+    """O3: it is started, runs, and ends, as without asyncio."""
     domain = (
         "(define (domain d) (:predicates (p)) (:durative-action wait :parameters () :duration (= ?duration 5)"
         " :condition () :effect (at end (p))))"

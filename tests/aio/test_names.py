@@ -13,13 +13,13 @@ def public(kind):
 
 
 def test_a_knowledge_base_has_the_same_names():
-    """Every public name of `kbstore.KnowledgeBase` is there, and what else there is serves to call functions of it."""
+    """Every public name of `kbstore.KnowledgeBase` is there, and all others serve to call its functions."""
     names = public(kbstore.KnowledgeBase)
     assert public(aio.KnowledgeBase) - {"name", "use_unknowns"} == names | {"read", "write", "watched"}
 
 
 def test_a_transaction_has_the_same_names():
-    """So does `OpenTransaction`."""
+    """`OpenTransaction` has them, too."""
     assert public(aio.OpenTransaction) - {"result"} == public(kbstore.OpenTransaction) | {"write"}
 
 
@@ -31,7 +31,7 @@ def test_a_transaction_has_the_same_names():
     ],
 )
 def test_methods_have_the_same_parameters_and_documentation(awaited, plain, others):
-    """A method takes what the other takes, and says of itself what the other says; a transaction takes no connection.
+    """A method has the parameters and the text of the other's; a transaction takes no connection.
 
     Only `wait_for`, `close` and `is_quick` are written for asyncio, and say so.
     """
@@ -44,7 +44,7 @@ def test_methods_have_the_same_parameters_and_documentation(awaited, plain, othe
 
 
 def test_a_transaction_takes_all_but_a_connection():
-    """A connection of the caller's belongs to the thread that has it."""
+    """A caller's connection belongs to the thread that uses it."""
     ours, theirs = (
         inspect.signature(kind.transaction).parameters for kind in (aio.KnowledgeBase, kbstore.KnowledgeBase)
     )

@@ -1,4 +1,4 @@
-"""Following a knowledge base, and a condition, from many tasks (rules Q6, Q9)."""
+"""Watching a knowledge base, and a condition, from many tasks (rules Q6, Q9)."""
 
 import asyncio
 import itertools
@@ -13,7 +13,7 @@ from tests.conftest import START
 
 
 def test_changes_are_followed(run):
-    """Q6: every transaction after one, as it comes, and nothing twice."""
+    """Q6: every later transaction, as it comes, and nothing twice."""
 
     async def test(kb):
         async def follow():
@@ -33,22 +33,22 @@ def test_changes_are_followed(run):
 
 
 def test_a_watch_begins_where_it_is_awaited(run):
-    """Q6: what is told between then and the first look is not missed."""
+    """Q6: a change between then and the first poll is not missed."""
 
     async def test(kb):
         watch = await kb.watch(timeout=0)
-        told = await kb.add("(p)")
+        added = await kb.add("(p)")
         entered = kb.watch("(q)", timeout=0)
         async with entered:
             await kb.add("(q)")
             seen = [change.number async for change in entered]
-        return told.number, [change.number async for change in watch], seen
+        return added.number, [change.number async for change in watch], seen
 
     assert run(test) == (2, [2, 3], [3])
 
 
 def test_a_wrong_pattern_is_refused_where_it_begins(run):
-    """Q6, Q9: with the sentence of `kbstore.KnowledgeBase.watch`."""
+    """Q6, Q9: with the error of `kbstore.KnowledgeBase.watch`."""
 
     async def test(kb):
         with pytest.raises(UnknownSymbol):
@@ -63,7 +63,7 @@ def test_a_wrong_pattern_is_refused_where_it_begins(run):
 
 
 def test_a_watcher_that_is_cancelled_misses_nothing(run):
-    """Who gives up waiting, again and again, and iterates on, has every change once."""
+    """A task that gives up waiting, again and again, and continues, gets every change once."""
 
     async def test(kb):
         watch, found = await kb.watch(poll=0.001), []
@@ -85,7 +85,7 @@ def test_a_watcher_that_is_cancelled_misses_nothing(run):
 
 
 def test_a_cancelled_task_stops_watching(run):
-    """The cancellation is raised at once, and the knowledge base is closed as if there had been none."""
+    """The cancellation is raised at once, and the knowledge base is closed as if there had been no watch."""
 
     async def test(kb):
         async def follow():
@@ -103,7 +103,7 @@ def test_a_cancelled_task_stops_watching(run):
 
 @pytest.mark.parametrize("closes", ["watch", "knowledge base"])
 def test_closing_ends_a_watch_quietly(run, closes):
-    """Q6, Q9: whoever iterates sees the end, not an error; also where it had not begun."""
+    """Q6, Q9: an iteration ends, without an error; also one that had not begun."""
 
     async def test(kb):
         watches = [await kb.watch(), await kb.watch_condition("(p)")]
@@ -140,22 +140,22 @@ def test_closing_ends_a_watch_quietly(run, closes):
 
 
 def test_a_condition_is_waited_for(run):
-    """Q9: at once where it is true, later when it becomes true, and None after the time-out."""
+    """Q9: at once where it is true, later when it becomes true, and None after the timeout."""
 
     async def test(kb):
         assert await kb.wait_for("(p)", timeout=0) is None
         assert await kb.wait_for("(p)", timeout=0.1, poll=0.01) is None
         waiting = asyncio.create_task(kb.wait_for("(p)", timeout=30, poll=0.01))
         await asyncio.sleep(0.05)
-        told = await kb.add("(p)")
-        assert await waiting == told.time
-        assert await kb.wait_for("(p)", timeout=0) == told.time
+        added = await kb.add("(p)")
+        assert await waiting == added.time
+        assert await kb.wait_for("(p)", timeout=0) == added.time
 
     run(test)
 
 
-def test_what_the_clock_does_is_followed(run):
-    """Q6, Q9: a schedule that comes due, without a transaction."""
+def test_changes_by_the_clock_are_followed(run):
+    """Q6, Q9: a scheduled change, without a transaction."""
     clock = ManualClock(START)
 
     async def test(kb):
@@ -169,7 +169,7 @@ def test_what_the_clock_does_is_followed(run):
 
 
 def test_many_watchers_need_few_threads(tmp_path):
-    """Q6: two hundred tasks that follow, and that wait, see what they wait for; five threads do it."""
+    """Q6: two hundred watching and waiting tasks get their results with five threads."""
 
     async def test():
         async with aio.open(tmp_path / "k.db") as kb:
@@ -182,8 +182,8 @@ def test_many_watchers_need_few_threads(tmp_path):
             waiting = [asyncio.create_task(kb.wait_for("(> (f) 0)", poll=0.2)) for _ in range(100)]
             await asyncio.sleep(0.1)
             assert len(threads()) <= 5
-            told = await kb.add("(= (f) 1)")
-            assert set(await asyncio.gather(*following)) == {told.number}
+            added = await kb.add("(= (f) 1)")
+            assert set(await asyncio.gather(*following)) == {added.number}
             assert all(await asyncio.gather(*waiting))
 
     asyncio.run(test())

@@ -13,7 +13,7 @@ from kbstore.cli.demo.mission import record
 
 @dataclass(frozen=True)
 class Done:
-    """What a run came to."""
+    """The result of a command."""
 
     code: int
     out: str
@@ -45,7 +45,7 @@ def store(recorded, tmp_path):
 
 @pytest.fixture
 def run(monkeypatch, recorded):
-    """Runs ``kbstore`` with arguments, on the recorded mission unless they name another store."""
+    """Run ``kbstore`` with arguments, on the recorded mission unless they name another store."""
     monkeypatch.setenv("KBSTORE_URL", str(recorded))
     monkeypatch.delenv("KBSTORE_KB", raising=False)
 

@@ -10,7 +10,7 @@ NINE = "2026-05-04T09:00:00Z"
 
 @pytest.fixture
 def ward(run, tmp_path):
-    """Runs commands a number of seconds after nine, when the problem of the demonstration was loaded."""
+    """Run commands a number of seconds after nine, when the problem of the demonstration was loaded."""
     url = tmp_path / "ward.db"
     loaded = run("load", mission.DOMAIN, mission.PROBLEM, "--url", url, "--kb", "kenny", "--now", NINE)
     assert loaded.code == 0
@@ -32,7 +32,7 @@ def test_apply_has_all_effects(ward):
 
 
 def test_start_and_end(ward):
-    """O3: the domain fixes how long undocking takes; it is ended by its name, as no other is running."""
+    """O3: the domain fixes the duration of undocking; it is ended by its name, as it is the only run."""
     started = ward("start", "undock", "kenny", "home", "--client", "mission")
     assert started.out == (
         "transaction 2 at 2026-05-04T09:00:00Z: (undock kenny home) started, "
@@ -47,7 +47,7 @@ def test_start_and_end(ward):
 
 
 def test_a_duration_is_given_with_units(ward):
-    """O3, O7: charging takes as long as is said, up to ten minutes; 30 alone could mean anything."""
+    """O3, O7: charging takes as long as given, up to ten minutes; 30 alone has no unit."""
     assert "--duration 30s" in ward("start", "charge", "kenny").err
     assert "is not a duration; write it with units" in ward("start", "charge", "kenny", "--duration", "30").err
     assert "600" in ward("start", "charge", "kenny", "--duration", "11m").err
@@ -67,8 +67,8 @@ def test_a_duration_can_be_forced(ward):
     assert "; forced against (<= ?duration 600)" in done.out
 
 
-def test_which_of_several_runs(ward):
-    """The arguments say which one; without them two are too many."""
+def test_arguments_select_one_of_several_runs(ward):
+    """The arguments select one; without them two runs are ambiguous."""
     ward("add", "bob - robot", "(docked bob)", "(= (battery bob) 10)")
     ward("start", "charge", "kenny", "--duration", "1m", after=1)
     ward("start", "charge", "bob", "--duration", "1m", after=2)
@@ -80,7 +80,7 @@ def test_which_of_several_runs(ward):
 
 
 def test_an_unknown_operator_is_named(ward):
-    """V8: for each of the four."""
+    """V8: by each of the four commands."""
     for command in ("apply", "start", "end", "abort"):
         done = ward(command, "fly", "kenny")
         assert (done.code, "no operator fly" in done.err) == (2, True)
@@ -94,7 +94,7 @@ def test_acting_creates_no_store(run, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_end_reports_what_was_broken(ward):
+def test_end_reports_broken_invariants(ward):
     """O6: the door is shut for two seconds while kenny passes; the action has ended all the same."""
     ward("start", "undock", "kenny", "home")
     ward("end", "undock", after=10)
@@ -112,8 +112,8 @@ def test_end_reports_what_was_broken(ward):
     ]
 
 
-def test_runs_lists_what_ran(run):
-    """Q8: on the mission of the demonstration; as of a time, what ended later is running."""
+def test_runs_lists_runs(run):
+    """Q8: on the mission of the demonstration; as of a time, a run that ended later is running."""
     words = run("runs").words
     assert words[0] == "Times of 2026-05-04, UTC"
     assert words[3] == "(undock kenny home) 08:58:10 08:58:20 08:58:20 10 s ended"

@@ -9,7 +9,7 @@ ALARM = "2026-05-04T09:02:00Z"
 
 
 def test_kbs_lists_what_a_store_has(run):
-    """The names, the domain, and when something was told last."""
+    """The names, the domain, and the time of the latest transaction."""
     done = run("kbs", "--now", "2026-05-04T09:19:10Z")
     assert done.words[2:] == ["kenny deliveries closed 2026-05-04T09:09:10Z 10 min ago 7 13"]
     (kb,) = run("kbs", "--json").json
@@ -65,7 +65,7 @@ def test_backup_makes_a_store(run, tmp_path):
 
 
 def test_archive_moves_history_out(run, store, tmp_path):
-    """What was before is asked of the archive, and refused by the store (Q7)."""
+    """Earlier history is in the archive, and questions about it are refused by the store (Q7)."""
     archive = tmp_path / "old.db"
     done = run("archive", "--before", "2026-05-04T09:05:00Z", archive, "--url", store, "--json")
     assert (done.code, done.json["history_from"]) == (0, "2026-05-04T09:05:00Z")
@@ -87,12 +87,12 @@ def test_demo_makes_a_file(run, tmp_path):
 
 
 def test_push_continues_a_knowledge_base_elsewhere(run, store, tmp_path):
-    """Everything arrives once; the copy is not written to, until it is adopted."""
+    """Everything arrives once; the copy is read-only until it is adopted."""
     fleet = tmp_path / "fleet.db"
     push = ("push", "--url", store, "--to", fleet)
     assert run(*push).out == "kenny is there up to transaction 25: 25 transactions pushed\n"
     assert run("add", "(open lab_door)", "--url", store).code == 0
-    # the transaction, the fact that it ended, and the new one
+    # the transaction, its recorded end, and the new one
     assert run(*push, "--json").json == {"name": "kenny", "number": 26, "transactions": 1, "rows": 3}
     asked = ("history", "(open lab_door)", "--url")
     assert run(*asked, fleet).out == run(*asked, store).out

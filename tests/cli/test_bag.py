@@ -1,4 +1,4 @@
-"""`kbstore bag`: what it says of an import, and what it refuses."""
+"""`kbstore bag`: its output, and its refusals."""
 
 import json
 import sys
@@ -15,7 +15,7 @@ def twice(messages):
 
 
 def test_the_command(run, tmp_path):
-    """`kbstore bag import` names the knowledge base after the bag; its last line and its JSON say what came of it."""
+    """`kbstore bag import` names the knowledge base after the bag; its last line and its JSON have the result."""
     bag, store = write(tmp_path / "monday", "mcap", twice), tmp_path / "robot.db"
     domain = tmp_path / "domain.pddl"
     domain.write_text(DOMAIN)
@@ -39,7 +39,7 @@ def test_the_command(run, tmp_path):
 
 
 def test_export(run, tmp_path):
-    """A new file of the mission, with what holds in a span; one that is there is kept."""
+    """A new file of the mission, with the states of a span; an existing file is kept."""
     file = tmp_path / "kenny.mcap"
     span = "--since", "2026-05-04T09:00:00Z", "--until", "2026-05-04T09:02:00Z"
     done = run("bag", "export", file, *span, "--json")
@@ -56,7 +56,7 @@ def test_export(run, tmp_path):
 
 
 def test_without_rosbags_the_extra_is_named(run, monkeypatch, tmp_path):
-    """One line that says what to install."""
+    """The error is one line that says what to install."""
     for name in [name for name in sys.modules if name.startswith(("rosbags", "kbstore.ros.bags"))]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "rosbags", None)

@@ -64,7 +64,7 @@ NESTED = "(not " * 20_000 + "(open lab_door)" + ")" * 20_000
     ],
 )
 def test_an_error_is_one_line(run, arguments, said, tmp_path, monkeypatch):
-    """What was wrong, on one line of standard error; nothing on standard output; exit 2."""
+    """The reason on one line of standard error; nothing on standard output; exit 2."""
     monkeypatch.chdir(tmp_path)
     done = run(*arguments)
     assert (done.code, done.out) == (2, "")
@@ -75,7 +75,7 @@ def test_an_error_is_one_line(run, arguments, said, tmp_path, monkeypatch):
 
 
 def test_all_violations_are_on_the_line(run, store):
-    """A transaction's violations come together (D1), each with its item."""
+    """All violations of a transaction are reported together (D1), each with its item."""
     done = run("add", "x - robt", "(open door9)", "(docked kenny home)", "--url", store)
     assert (done.code, done.err.count("\n")) == (2, 1)
     assert done.err.startswith("kbstore: 3 violations: x - robt: ")
@@ -84,7 +84,7 @@ def test_all_violations_are_on_the_line(run, store):
 
 
 def test_a_file_is_refused_with_line_and_column(run, tmp_path, store):
-    """A PDDL file's refusal names the place; the quoted line is left out."""
+    """The refusal of a PDDL file has the position; the quoted line is left out."""
     problem = tmp_path / "problem.pddl"
     problem.write_text("(define (problem p) (:domain deliveries)\n  (:objects bob - robt)\n  (:init) (:goal (and)))\n")
     done = run("load", problem, "--url", store)
@@ -94,12 +94,12 @@ def test_a_file_is_refused_with_line_and_column(run, tmp_path, store):
 
 
 def test_deep_nesting_is_an_answer(run):
-    """Text as deep as a command line can hold is read, not refused with a traceback."""
+    """Text as deeply nested as a command line can be is read, not refused with a traceback."""
     assert run("holds", NESTED, "--at", "2026-05-04T09:02:00Z").code == 1
 
 
 def test_nothing_is_stored_after_an_error(run, store):
-    """A bad item at the end takes the good ones with it (C1)."""
+    """One invalid item at the end refuses the valid ones, too (C1)."""
     before = run("changes", "--url", store).out
     assert run("add", "(open lab_door)", "x - robt", "--url", store).code == 2
     assert run("changes", "--url", store).out == before
@@ -108,16 +108,16 @@ def test_nothing_is_stored_after_an_error(run, store):
 @pytest.mark.parametrize(
     "text", ["(\x1b[31m kenny)", "(\x07 kenny)", "(\u202e kenny)", "(opn\u2028 \r\n kenny)", "(((("]
 )
-def test_what_a_terminal_would_obey_is_not_passed_on(run, text):
-    """Control characters of a bad argument come back visible, on the one line."""
+def test_control_characters_of_arguments_are_escaped(run, text):
+    """Control characters of a bad argument are printed visibly, on the one line."""
     done = run("holds", text)
     assert (done.code, done.out) == (2, "")
     assert len(done.err.splitlines()) == 1
     assert done.err.removesuffix("\n").isprintable()
 
 
-def test_nor_what_a_client_wrote_into_a_note(run, store):
-    """Clients and notes are free text; what is shown of them is harmless."""
+def test_control_characters_of_notes_are_escaped(run, store):
+    """Clients and notes are free text; control characters in them are printed visibly."""
     run("add", "(open lab_door)", "--client", "a\x1b[31mb", "--note", "two\nlines \x07", "--url", store)
     for command in (["changes", "--after", "25"], ["explain", "(open lab_door)"], ["history", "(open lab_door)"]):
         shown = run(*command, "--url", store)
@@ -126,7 +126,7 @@ def test_nor_what_a_client_wrote_into_a_note(run, store):
 
 
 def test_json_is_harmless_too(run, store):
-    """Whatever a terminal would obey is escaped; letters of other scripts stay, and programs read what was written."""
+    """Control characters are escaped; letters of other scripts stay, and programs read the original text."""
     note = "\x1b[31m \x9b1m \u202e \u2028 \x7f \U000e0041 \U0001f916 Röntgen 机器人"
     run("add", "(open lab_door)", "--note", note, "--url", store)
     for command in (["changes", "--after", "25", "--json"], ["explain", "(open lab_door)", "--json"]):
@@ -137,8 +137,8 @@ def test_json_is_harmless_too(run, store):
 
 
 @pytest.mark.parametrize("advice", IN_PYTHON)
-def test_advice_in_python_is_still_given(advice):
-    """Each advice that is turned into a command is in some message, word by word."""
+def test_replaced_advice_still_occurs(advice):
+    """Each piece of advice that is turned into a command occurs in some message, word by word."""
     sources = "".join(
         path.read_text() for path in Path(kbstore.__file__).parent.rglob("*.py") if "cli" not in path.parts
     )
@@ -156,7 +156,7 @@ def test_advice_in_python_is_still_given(advice):
     ],
 )
 def test_advice_is_given_in_commands(run, arguments, said, tmp_path, monkeypatch):
-    """Errors on the command line speak of commands, not of Python."""
+    """Errors on the command line name commands, not Python."""
     monkeypatch.chdir(tmp_path)
     run("add", "a - place", "--url", "empty.db")
     done = run(*arguments)

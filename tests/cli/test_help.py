@@ -1,4 +1,4 @@
-"""Help, completion, and what all commands have in common."""
+"""Help, completion, and the common behaviour of all commands."""
 
 import importlib
 import json
@@ -64,14 +64,14 @@ SERVING = {"mcp", "ros plansys2", "ros record", "ros rosplan", "serve"}
 """Commands that serve until they are ended, and print no answer."""
 
 
-def test_the_commands_are_those_that_are_promised():
-    """Every command of the list is there, and no other."""
+def test_the_commands_are_those_of_the_list():
+    """Every command of the list exists, and no other."""
     assert {" ".join(name) for name in EVERY} == set(EXAMPLES)
 
 
 @pytest.mark.parametrize("command", EVERY, ids=" ".join)
 def test_help_shows_examples_and_json(run, command):
-    """Each command's help says what it does, with examples that begin with the command; what answers has --json."""
+    """Each command's help has its purpose and examples that begin with the command; every question has --json."""
     done = run(*command, "--help")
     assert (done.code, done.err) == (0, "")
     assert ("--json" in done.out) is (" ".join(command) not in SERVING)
@@ -83,7 +83,7 @@ def test_help_shows_examples_and_json(run, command):
 
 @pytest.mark.parametrize("command", COMMANDS, ids=lambda command: command.name)
 def test_the_line_of_a_command_begins_its_help(command):
-    """What the help of a group says about a command is what the help of the command begins with."""
+    """The line about a command in the help of its group is the first line of its own help."""
     module, _, function = command.function.partition(".")
     called = getattr(importlib.import_module(f"kbstore.cli.{module}"), function)
     assert command.line
@@ -92,7 +92,7 @@ def test_the_line_of_a_command_begins_its_help(command):
 
 @pytest.mark.parametrize("command", sorted(name for name, arguments in EXAMPLES.items() if arguments is not None))
 def test_every_command_answers_in_json(run, store, command, tmp_path, monkeypatch):
-    """--json gives one JSON value, or one a line, and nothing else, before or after the command."""
+    """--json gives one JSON value, or one for each line, and nothing else, before or after the command."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("KBSTORE_URL", str(store))
     done = run(*command.split(), *EXAMPLES[command], "--json")
@@ -104,14 +104,14 @@ def test_every_command_answers_in_json(run, store, command, tmp_path, monkeypatc
         json.loads(done.out)
 
 
-def test_json_may_stand_before_the_command(run):
-    """As the other shared options may."""
+def test_json_is_accepted_before_the_command(run):
+    """--json is accepted before the command, like the other shared options."""
     assert run("--json", "value", "(battery kenny)", "--at", ASKED).json["value"] == 35.5
     assert run("--json", "--now", ASKED, "db", "history").json
 
 
 def test_without_a_command_help_is_shown(run):
-    """`kbstore`, and each of its groups alone, show what there is, and succeed."""
+    """`kbstore`, and each of its groups alone, list their commands, and succeed."""
     for group in ((), ("goal",), ("ros",), ("bag",), ("db",)):
         done = run(*group)
         assert (done.code, done.err) == (0, "")
@@ -124,7 +124,7 @@ def test_version(run):
 
 
 def test_completion(run, monkeypatch):
-    """The shell is told commands, options, formats, knowledge bases, operators, and objects that fit."""
+    """Commands, options, formats, knowledge bases, operators, and objects that fit are completed."""
     for words, expected in (
         ("kbstore sta", "state"),
         ("kbstore db up", "upgrade"),

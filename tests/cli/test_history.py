@@ -10,8 +10,8 @@ from kbstore.cli.demo.mission import moment
 from kbstore.report import records
 
 
-def test_history_lists_who_said_and_who_ended(run):
-    """One line an assertion; a cancelled one is marked (Q3). The day of all times is said once."""
+def test_history_lists_who_recorded_and_who_ended(run):
+    """One line for each assertion; a cancelled one is marked (Q3). A common day is printed once."""
     words = run("history", "(open lab_door)").words
     assert words[0] == "Times of 2026-05-04, UTC"
     assert words[3:] == [
@@ -24,7 +24,7 @@ def test_history_lists_who_said_and_who_ended(run):
 
 
 def test_history_of_several_days_has_whole_times(run, store):
-    """Where a time is of another day, each has its date."""
+    """Where times are on different days, each has its date."""
     run("add", "(open lab_door)", "--now", "2026-05-05T08:00:00Z", "--url", store)
     words = run("history", "(open lab_door)", "--url", store).words
     assert words[2].startswith("(open lab_door) 2026-05-04T09:00:00Z 2026-05-04T09:01:00Z 1 min #1 by mission at 2026-")
@@ -32,7 +32,7 @@ def test_history_of_several_days_has_whole_times(run, store):
 
 
 def test_history_fits_a_terminal_of_100_columns(recorded):
-    """Q3: a row for each assertion, of which only the columns of transactions are folded."""
+    """Q3: a row for each assertion; only the columns of transactions are folded."""
     with kbstore.open(recorded, "kenny", clock=kbstore.ManualClock(), read_only=True) as kb:
         console = Console(width=100, file=io.StringIO())
         console.print(records.history_view(kb.history("(open lab_door)")))
@@ -42,7 +42,7 @@ def test_history_fits_a_terminal_of_100_columns(recorded):
 
 
 def test_history_in_a_span(run):
-    """With --since and --until, what overlaps the span."""
+    """With --since and --until, the assertions that overlap the span."""
     span = ("--since", "2026-05-04T09:04:30Z", "--until", "2026-05-04T09:05:30Z")
     listed = run("history", "(robot_at kenny ?)", *span, "--json").json
     assert [(found["pddl"], found["initial_ns"], found["end_ns"]) for found in listed] == [
@@ -53,7 +53,7 @@ def test_history_in_a_span(run):
 
 
 def test_when_lists_intervals(run):
-    """Exact to the nanosecond, and how long altogether (Q4)."""
+    """Intervals are exact to the nanosecond, with their total duration (Q4)."""
     assert run("when", "(< (battery kenny) 20)").words[2:] == [
         "2026-05-04T09:05:32.000000001Z 2026-05-04T09:07:43Z 2 min 11 s",
         "true for 2 min 11 s altogether, in 1 interval",
@@ -71,7 +71,7 @@ def test_when_lists_intervals(run):
 
 
 def test_diff_takes_times_as_arguments(run):
-    """What became true, was withdrawn, and changed (Q5); a relative time is no option."""
+    """Facts that became true or were withdrawn, and changed numbers (Q5); a relative time is not an option."""
     done = run("diff", "2026-05-04T08:59:00Z", "2026-05-04T09:06:00Z")
     assert "changed (battery kenny) from 56 to 15.5" in done.words
     assert "withdrawn linen - parcel" in done.words
@@ -83,8 +83,8 @@ def test_diff_takes_times_as_arguments(run):
     assert run("diff", "now", "now").out == "no difference\n"
 
 
-def test_changes_tells_what_each_transaction_did(run):
-    """With what the clock alone brought about, in the order of time; goals are marked as such (Q6)."""
+def test_changes_lists_the_changes_of_each_transaction(run):
+    """With changes by the clock, in the order of time; goals are marked (Q6)."""
     words = run("changes").words
     start = words.index("#7 by ward at 2026-05-04T08:59:10Z the patient was moved; no linen today")
     assert words[start + 1 : start + 4] == [
@@ -98,14 +98,14 @@ def test_changes_tells_what_each_transaction_did(run):
 
 
 def test_changes_about_something(run):
-    """With a pattern, only what matches it."""
+    """With a pattern, only matching changes."""
     changes = [json.loads(line) for line in run("changes", "(open ?)", "--after", "10", "--json").out.splitlines()]
     assert [(change["number"], change["by_clock"]) for change in changes] == [(11, False), (14, False), (25, True)]
     assert [item["pddl"] for item in changes[1]["cancelled"]] == ["(not (open lab_door))"]
 
 
 def test_timeline_writes_a_page(run, tmp_path):
-    """With a file that ends in .html, the page is written; patterns, span and belief are passed on."""
+    """A file that ends in .html gets the page; patterns, span and belief are passed on."""
     page = tmp_path / "Kenny.HTML"
     done = run("timeline", str(page), "battery", "--since", "2026-05-04T09:00:00Z", "--as-of", "2026-05-04T09:00:45Z")
     assert (done.code, done.err) == (0, "")
@@ -119,7 +119,7 @@ def test_timeline_writes_a_page(run, tmp_path):
 
 
 def test_timeline_without_a_file_is_text(run):
-    """Lanes of text, and with --json the data."""
+    """Without a file the lanes are printed as text, and with --json as data."""
     done = run("timeline", "(open ?)", "--as-of", "2026-05-04T09:00:45Z")
     assert (done.code, done.err) == (0, "")
     assert any("lab_door" in line and "█" in line for line in done.words)

@@ -6,7 +6,7 @@ from kbstore.storage.schema import HEAD
 
 
 def test_current_check_and_history(run):
-    """A store that is ready says so, and which revisions there are."""
+    """The schema of a current store, and the list of revisions."""
     assert run("db", "current").out == f"schema {HEAD}; this kbstore needs {HEAD}\n"
     assert run("db", "current", "--json").json == {"revision": HEAD, "needed": HEAD}
     assert run("db", "check").out == f"ready: schema {HEAD}\n"
@@ -14,7 +14,7 @@ def test_current_check_and_history(run):
 
 
 def test_an_old_store_is_refused_and_upgraded(run, store):
-    """Down, refused with the command to run, up again with the copy named, and the same answers."""
+    """Downgraded, refused with the command to run, upgraded again with the copy named, and the same answers."""
     before = run("history", "(open lab_door)", "--url", store).out
     down = run("db", "downgrade", "0001", "--url", store, "--json").json
     assert (down["before"], down["after"]) == (HEAD, "0001")
@@ -34,7 +34,7 @@ def test_no_backup(run, store):
 
 
 def test_a_store_is_set_up(run, tmp_path):
-    """A new file gets its schema; one that is missing is not made by a question."""
+    """A new file gets its schema; a question does not create a missing one."""
     new = tmp_path / "new.db"
     assert run("db", "current", "--url", new).code == 2
     assert not new.exists()
@@ -44,13 +44,13 @@ def test_a_store_is_set_up(run, tmp_path):
 
 @pytest.mark.parametrize("revision", ["9999", "nonsense"])
 def test_an_unknown_revision_is_refused(run, store, revision):
-    """A revision that there is not changes nothing."""
+    """A revision that does not exist changes nothing."""
     done = run("db", "upgrade", revision, "--url", store)
     assert (done.code, done.err.count("\n")) == (2, 1)
 
 
 def test_a_schema_in_postgresql(run, postgresql_url):
-    """--schema names the schema that kbstore lives in, beside others' tables."""
+    """--schema names kbstore's schema, beside others' tables."""
     place = ("--url", postgresql_url, "--schema", "cli_test")
     assert run("db", "upgrade", *place, "--json").json["after"] == HEAD
     assert run("db", "current", *place, "--json").json["revision"] == HEAD

@@ -31,7 +31,7 @@ def environment(recorded):
     ],
 )
 def test_exit_codes(environment, arguments, code):
-    """2 is an error, in one line without a traceback; 3 is unknown. True and false are tried without a process."""
+    """2 is an error, in one line without a traceback; 3 is unknown. 0 and 1 are tested without a process."""
     done = subprocess.run([*KBSTORE, *arguments], env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == code
     assert done.stderr.count("\n") == (1 if code == 2 else 0)
@@ -48,13 +48,13 @@ def test_a_terminal_gets_colours_and_folded_lines(environment):
 
 
 def test_a_terminal_gets_no_parquet(environment):
-    """It is binary, and a terminal would obey it: a file has to be named."""
+    """Parquet is binary: a file has to be named."""
     text = on_a_terminal("export", "--format", "parquet", environment=environment, code=2)
     assert text.splitlines() == ["kbstore: parquet is not for a terminal to show; name a file with --output FILE"]
 
 
 def on_a_terminal(*arguments, environment, rows=25, code=0):
-    """What a terminal of 80 columns shows of a command."""
+    """The output of a command on a terminal of 80 columns."""
     leader, follower = pty.openpty()
     size = {"COLUMNS": "80", "LINES": str(rows)}
     call = [*KBSTORE, *arguments]
@@ -74,15 +74,15 @@ def on_a_terminal(*arguments, environment, rows=25, code=0):
 
 
 def test_a_long_answer_goes_through_the_pager(environment):
-    """On a terminal of ten rows the pager shows it; on one with room it is printed."""
+    """On a terminal of ten rows the pager shows it; on a larger one it is printed."""
     environment["PAGER"] = "sed s/^/page:/"
     state = ("state", "--at", "2026-05-04T09:02:00Z")
     assert "page:" in on_a_terminal(*state, environment=environment, rows=10)
     assert "page:" not in on_a_terminal(*state, environment=environment, rows=100)
 
 
-def test_a_reader_that_has_had_enough(environment):
-    """`kbstore changes | head -1` ends without complaint."""
+def test_a_closed_pipe_is_not_an_error(environment):
+    """`kbstore changes | head -1` ends without an error."""
     call = f"{sys.executable} -W error -c 'from kbstore.cli import main; main()' changes | head -1"
     done = subprocess.run(["sh", "-c", call], env=environment, capture_output=True, text=True, check=False)
     assert done.stdout.startswith("#1 by mission at 2026-05-04T08:58:00Z")
@@ -90,9 +90,9 @@ def test_a_reader_that_has_had_enough(environment):
 
 
 def test_following_ends_with_ctrl_c(environment, store):
-    """`changes --follow` shows what there is and what comes, line by line, and ends quietly."""
+    """`changes --follow` prints past and new changes, line by line, and ends without an error."""
     environment = {**environment, "KBSTORE_URL": str(store)}
-    # as in a terminal: what is started in the background inherits that the signal is ignored
+    # as in a terminal: a background process inherits that the signal is ignored
     attend = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
     *python, code = KBSTORE
     call = [*python, f"{attend}; {code}", "changes", "--after", "24", "--follow", "--json"]
@@ -112,7 +112,7 @@ def test_following_ends_with_ctrl_c(environment, store):
 
 
 def test_importing_the_command_line_is_quick(environment):
-    """Help does not load what only a few commands need: alembic, unified_planning."""
+    """Help does not load modules that only a few commands need: alembic, unified_planning."""
     code = "import sys, kbstore.cli; print(*(name for name in ('alembic', 'unified_planning') if name in sys.modules))"
     done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
     assert done.stdout.strip() == ""

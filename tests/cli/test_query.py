@@ -1,4 +1,4 @@
-"""Questions about one moment of the mission, whose figures `tests/demo/test_mission.py` works out."""
+"""Questions about one time of the mission; `tests/demo/test_mission.py` works out the expected values."""
 
 import pytest
 
@@ -26,14 +26,14 @@ def test_holds_answers_by_its_exit_code(run, condition, at, code, said):
 
 
 def test_value_is_a_number_alone(run):
-    """The value is printed in PDDL's way, ready to be used by a script."""
+    """The value is printed as in PDDL, for use in a script."""
     assert run("value", "(battery kenny)", "--at", ALARM).out == "35.5\n"
     assert run("value", "(- 100 (battery kenny))", "--at", ALARM).out == "64.5\n"
     assert run("value", "(battery kenny)", "--at", ALARM, "--as-of", BEFORE, "--json").json["value"] == 31.0
 
 
-def test_state_shows_everything_that_stood(run):
-    """Facts of both signs, numbers, schedule, goals and metric, each with since when."""
+def test_state_shows_everything_that_holds(run):
+    """Facts of both signs, numbers, schedule, goals and metric, each with its initial time."""
     done = run("state", "--at", ALARM)
     assert done.code == 0
     assert done.words[0].startswith("kenny at 2026-05-04T09:02:00Z (")
@@ -50,8 +50,8 @@ def test_state_shows_everything_that_stood(run):
     assert not [line for line in done.out.splitlines() if line != line.rstrip()]
 
 
-def test_state_shows_what_runs(run):
-    """An action that runs, how far it is, and when its end is expected; the rate of what it moves."""
+def test_state_shows_runs(run):
+    """A run, its progress, and its expected end; the rate of the number that it moves."""
     words = run("state", "--at", "2026-05-04T09:00:50Z").words
     assert "(pass_door kenny lab_door corridor lab) 2026-05-04T09:00:40Z 10 s of 40 s 2026-05-04T09:01:20Z" in words
     assert "(battery kenny) 38.5 -0.25 per s 2026-05-04T09:00:40Z 10 s ago" in words
@@ -65,7 +65,7 @@ def test_state_as_of_is_what_was_believed(run):
 
 
 def test_state_in_json_has_times_twice_and_items_as_messages(run):
-    """Each time as ISO text and in nanoseconds; each item in PDDL and in the shape of the message."""
+    """Each time as ISO text and in nanoseconds; each item in PDDL and in the form of the message."""
     state = run("state", "--at", ALARM, "--json").json
     assert (state["at"], state["at_ns"], state["knowledge_base"]) == (ALARM, moment("09:02:00"), "kenny")
     assert [item["pddl"] for item in state["timed_knowledge"]] == ["(not (open lab_door))"]
@@ -80,7 +80,7 @@ def test_state_in_json_has_times_twice_and_items_as_messages(run):
 
 
 def test_explain_names_reason_time_and_client(run):
-    """Why the linen is not there: its object was removed (V6, C9)."""
+    """The linen is absent because its object was removed (V6, C9)."""
     done = run("explain", "(parcel_at linen office)", "--now", "2026-05-04T09:09:10Z")
     assert done.words == [
         "(parcel_at linen office) is false: expired with its instance since 2026-05-04T08:59:10Z (10 min ago),"
@@ -92,7 +92,7 @@ def test_explain_names_reason_time_and_client(run):
 
 
 def test_explain_shows_the_parts_that_decide(run):
-    """Of a conjunction that is false, only the part that makes it so."""
+    """Of a false conjunction, only the false part."""
     done = run("explain", "(and (carries kenny blood) (open lab_door))", "--at", ALARM)
     assert done.words[0].endswith("is false: because")
     assert done.words[1].startswith("└── (open lab_door) is false: explicitly false since 2026-05-04T09:01:00Z")
@@ -118,8 +118,8 @@ def test_explain_shows_the_numbers_that_were_compared(run):
     assert words[1].startswith("└── (= (battery kenny) 28) is true: asserted since 2026-05-04T09:04:10Z")
 
 
-def test_state_shows_what_matches_a_pattern(run):
-    """V7: any of several patterns; `?` matches any object. Nothing else is shown, in JSON neither."""
+def test_state_shows_matches_of_a_pattern(run):
+    """V7: of any of several patterns; `?` matches any object. Nothing else is shown, nor in JSON."""
     words = run("state", "(robot_at ? ?)", "(battery ?)", "linen - parcel", "--at", "2026-05-04T08:59:00Z").words
     assert [line.split(" 2026")[0] for line in words[1:] if line.startswith(("(", "parcel", "Goals"))] == [
         "parcel linen",
@@ -132,8 +132,8 @@ def test_state_shows_what_matches_a_pattern(run):
     assert (answer["instances"], answer["goals"], answer["metric"]) == ([], [], None)
 
 
-def test_state_shows_what_refers_to_an_object(run):
-    """Facts, numbers, goals and runs, whatever the case of the name; of one that there is not, nothing."""
+def test_state_shows_mentions_of_an_object(run):
+    """Facts, numbers, goals and runs, in any case of the name; nothing for an unknown object."""
     words = run("state", "--about", "LAB", "--at", "2026-05-04T09:00:50Z").words
     assert "(pass_door kenny lab_door corridor lab)" in " ".join(words)
     assert "(delivered blood lab) no 2026-05-04T08:58:00Z" in words
@@ -143,7 +143,7 @@ def test_state_shows_what_refers_to_an_object(run):
 
 
 def test_state_shows_some_parts(run):
-    """--only names a part, and may be repeated; with --about it is both."""
+    """--only names a part, and may be repeated; --about restricts it further."""
     words = run("state", "--only", "goals", "--only", "metric", "--at", ALARM).words
     assert [line for line in words if line in ("Objects", "Facts", "Numbers", "Scheduled", "Goals")] == ["Goals"]
     assert "Metric: minimize (total-time)" in words
@@ -152,8 +152,8 @@ def test_state_shows_some_parts(run):
     assert "Goals" not in words
 
 
-def test_state_folds_what_no_action_changes(run):
-    """Six paths and eight distances are counted; --all, a pattern or JSON has them."""
+def test_state_folds_facts_that_no_action_changes(run):
+    """Six paths and eight distances are counted; --all, a pattern or JSON lists them."""
     folded = "Not shown, as no action changes them: distance (8), path (6); --all shows them"
     assert folded in run("state", "--at", ALARM).words
     for shown in (
@@ -176,8 +176,8 @@ def test_find_lists_bindings(run):
     assert run("find", "(open lab_door)", "--at", BEFORE).out == "true, without variables\n"
 
 
-def test_wait_ends_when_it_is_true_or_time_is_up(run):
-    """Q9: with the time since when, or exit 1."""
+def test_wait_ends_when_it_is_true_or_after_the_timeout(run):
+    """Q9: it prints the time since when, or exits with 1."""
     done = run("wait", "(docked kenny)", "--now", "last", "--json")
     assert (done.code, done.json["time_ns"]) == (0, moment("09:09:10"))
     late = run("wait", "(docked kenny lab)", "--timeout", "1s")

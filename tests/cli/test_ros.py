@@ -1,4 +1,4 @@
-"""The nodes of ROS, without ROS: what is missing is named, and what ROS reads is passed on."""
+"""The nodes of ROS, without ROS: missing packages are named, and ROS arguments are passed on."""
 
 import sys
 from types import SimpleNamespace
@@ -7,8 +7,8 @@ import pytest
 
 
 @pytest.mark.parametrize("missing", ["rospy", "rosplan_knowledge_msgs.msg"])
-def test_without_ros_1_the_node_says_what_it_needs(run, monkeypatch, missing):
-    """One line that names the package, and what to do."""
+def test_without_ros_1_the_error_names_the_package(run, monkeypatch, missing):
+    """The error is one line that names the package, and what to do."""
     for name in ("rospy", "rosplan_knowledge_msgs.msg"):
         monkeypatch.setitem(sys.modules, name, None if name == missing else sys)
     done = run("ros", "rosplan", "--url", "robot.db", "__name:=knowledge_base")
@@ -19,8 +19,8 @@ def test_without_ros_1_the_node_says_what_it_needs(run, monkeypatch, missing):
 
 @pytest.mark.parametrize("command", ["plansys2", "record"])
 @pytest.mark.parametrize("missing", ["rclpy", "plansys2_msgs"])
-def test_without_ros_2_the_nodes_say_what_they_need(run, monkeypatch, command, missing):
-    """One line that names what could not be imported, and what to do."""
+def test_without_ros_2_the_error_names_the_package(run, monkeypatch, command, missing):
+    """The error is one line that names the failed import, and what to do."""
     monkeypatch.setitem(sys.modules, missing, None)
     done = run("ros", command, "--url", "robot.db")
     assert (done.code, done.out) == (2, "")
@@ -29,7 +29,7 @@ def test_without_ros_2_the_nodes_say_what_they_need(run, monkeypatch, command, m
 
 
 def test_the_recorder_needs_a_store(run, monkeypatch):
-    """It is asked for before ROS is looked for."""
+    """The error comes before ROS is looked for."""
     monkeypatch.delenv("KBSTORE_URL")
     assert "which store?" in run("ros", "record").err
 
@@ -39,8 +39,8 @@ ROS = ["--ros-args", "-r", "__ns:=/kenny", "-p", "use_sim_time:=true", "--log-le
 
 @pytest.mark.parametrize(("command", "module"), [("plansys2", "plansys2_node"), ("record", "recorder_node")])
 @pytest.mark.parametrize("separated", [[], ["--"]])
-def test_what_ros_reads_follows_as_with_every_node(run, monkeypatch, command, module, separated):
-    """From --ros-args on everything is ROS's, options included."""
+def test_arguments_after_ros_args_are_passed_on(run, monkeypatch, command, module, separated):
+    """Everything from --ros-args on is passed to ROS, options included."""
     called = []
     node = SimpleNamespace(run=lambda *arguments: called.append(arguments))
     monkeypatch.setitem(sys.modules, f"kbstore.ros.{module}", node)
@@ -50,8 +50,8 @@ def test_what_ros_reads_follows_as_with_every_node(run, monkeypatch, command, mo
 
 
 @pytest.mark.parametrize("command", ["plansys2", "record"])
-def test_an_option_that_is_none_is_refused(run, command):
-    """A slip is not passed on to ROS, which would not notice."""
+def test_an_unknown_option_is_refused(run, command):
+    """A misspelt option is not passed to ROS, which would not notice."""
     done = run("ros", command, "--ulr", "robot.db", "--ros-args", "-r", "__ns:=/kenny")
     assert done.code == 2
     assert "there is no option --ulr; what ROS reads comes after --ros-args" in done.err

@@ -1,4 +1,4 @@
-"""A store in a schema of PostgreSQL, named in the URL: every command works there, and makes nothing elsewhere."""
+"""A store in a schema of PostgreSQL, named in the URL: every command uses it, and creates nothing elsewhere."""
 
 import psycopg
 import sqlalchemy as sa
@@ -8,7 +8,7 @@ from tests.cli.test_help import EXAMPLES
 
 
 def test_every_command_takes_a_schema_in_the_url(run, empty_database, tmp_path, monkeypatch):
-    """`?schema=...` serves all commands that take a URL; those without an example here open stores as these do."""
+    """`?schema=...` works for all commands that take a URL; those without an example here open stores alike."""
     monkeypatch.chdir(tmp_path)
     url = sa.make_url(empty_database).update_query_dict({"schema": "fleet"}).render_as_string(hide_password=False)
     record(url).close()

@@ -64,13 +64,13 @@ def test_text_that_is_not_a_time_is_refused(typed):
         parse_time(typed, NOW)
 
 
-def test_the_refusal_says_what_to_write():
-    """All forms are named, for naive times, too."""
+def test_the_error_lists_the_forms_of_times():
+    """All forms are listed, for naive times, too."""
     for typed in ("tomorrow", "2026-05-04T12:00:00"):
         with pytest.raises(InvalidTime, match=r"ISO 8601 with an offset .*, now, -5m, \+30s, or nanoseconds"):
             parse_time(typed, NOW)
 
 
 def test_relative_times_are_exact():
-    """A tenth of a second is exactly that, without floats."""
+    """A tenth of a second is exact, without floats."""
     assert parse_time("+0.1s", 0) == seconds("0.1")

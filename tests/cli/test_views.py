@@ -1,4 +1,4 @@
-"""Views: tables that fit, times that are read at a glance."""
+"""Printing tables that fit, and times that are easy to read."""
 
 import io
 
@@ -14,7 +14,7 @@ ROWS = [("(open lab_door)", "2026-05-04T09:04:00Z", "all clear; the lab stays op
 
 
 def shown(width):
-    """The table as it is on a terminal of a width."""
+    """The table as it is printed on a terminal of a width."""
     out = io.StringIO()
     show(Console(file=out, width=width), table("Facts", HEADINGS, ROWS))
     return out.getvalue().splitlines()
@@ -30,7 +30,7 @@ def test_a_table_with_room_has_a_line_for_each_row():
 
 
 def test_a_narrower_table_folds_its_widest_column():
-    """The others stay whole."""
+    """The other columns stay whole."""
     lines = shown(70)
     assert max(map(len, lines)) <= 70
     assert lines[3].startswith("(open lab_door)   2026-05-04T09:04:00Z   all clear;")
@@ -38,7 +38,7 @@ def test_a_narrower_table_folds_its_widest_column():
 
 
 def test_a_very_narrow_table_writes_each_cell_on_its_own_line():
-    """The first cell, then what the others say, each after its heading; empty ones say nothing."""
+    """The first cell, then the others, each after its heading; empty cells are left out."""
     assert shown(44) == [
         "Facts",
         "(open lab_door)",
@@ -80,12 +80,12 @@ def test_durations(ns, text):
     ],
 )
 def test_relative_times(t, text):
-    """Before and after, as exactly as the distance deserves."""
+    """Before and after, with a precision that depends on the distance."""
     assert TimeFormat(time("2026-05-04T12:00:00Z")).relative(time(t)) == text
 
 
-def test_brief_times_leave_out_the_day_that_is_meant():
-    """Another day is written in full."""
+def test_brief_times_leave_out_the_common_day():
+    """A time on another day is written in full."""
     moments = TimeFormat(time("2026-05-04T12:00:00Z"), brief=True)
     assert moments.absolute(time("2026-05-04T09:02:00.5Z")) == "09:02:00.5"
     assert moments.absolute(time("2026-05-03T09:02:00Z")) == "2026-05-03T09:02:00Z"
@@ -93,7 +93,7 @@ def test_brief_times_leave_out_the_day_that_is_meant():
 
 
 def test_counts_and_free_text():
-    """One is singular; what a terminal would obey is made visible."""
+    """One is singular; control characters are made visible."""
     assert (plural(1, "row"), plural(2000, "row"), plural(2, "entry", "entries")) == (
         "1 row",
         "2,000 rows",

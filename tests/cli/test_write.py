@@ -1,4 +1,4 @@
-"""What changes a knowledge base, and what it says about it."""
+"""Commands that change a knowledge base, and their output."""
 
 import pytest
 
@@ -30,7 +30,7 @@ def files(tmp_path):
 
 @pytest.fixture
 def trolleys(run, files, tmp_path):
-    """Runs commands at one second after noon, in a store where the files were loaded at noon."""
+    """Run commands at one second after noon, in a store where the files were loaded at noon."""
     url = tmp_path / "trolleys.db"
     # the domain, three objects, two timelines of the state, a goal
     loaded = run("load", *files, "--url", url, "--kb", "yard", "--now", NOON, "--client", "office", "--note", "evening")
@@ -44,7 +44,7 @@ def trolleys(run, files, tmp_path):
 
 
 def test_load_takes_domain_and_problem_in_any_order(run, files, tmp_path):
-    """Which file is which stands in the files; timed-initial literals are relative to now (P3)."""
+    """The contents decide which file is which; timed-initial literals are relative to now (P3)."""
     domain, problem = files
     done = run("load", problem, domain, "--url", tmp_path / "new.db", "--now", NOON, "--json")
     assert (done.code, done.json["number"], done.json["time"]) == (0, 1, NOON)
@@ -53,15 +53,15 @@ def test_load_takes_domain_and_problem_in_any_order(run, files, tmp_path):
         assert scheduled.initial_time == kbstore.time(NOON) + kbstore.seconds(60)
 
 
-def test_a_problem_alone_uses_the_domain_that_is_there(trolleys, files):
-    """Loading a problem again changes nothing but its timed knowledge; --replace clears first."""
+def test_a_problem_alone_uses_the_loaded_domain(trolleys, files):
+    """Loading a problem again changes only its timed knowledge; --replace clears first."""
     again = trolleys("load", files[1], "--replace", "--note", "anew", "--json").json
     assert (again["number"], again["note"]) == (2, "anew")
     assert trolleys("holds", "(parked t1 yard)").code == 0
 
 
 def test_load_once(trolleys, files):
-    """P7: what has been loaded is not loaded again, even after changes: for scripts that start a service."""
+    """P7: a loaded problem is not loaded again, even after changes: for scripts that start a service."""
     assert trolleys("load", *files, "--once").out == "nothing changed; the latest transaction is 1\n"
     trolleys("remove", "t1")
     assert trolleys("load", *files, "--once").out == "nothing changed; the latest transaction is 2\n"
@@ -75,7 +75,7 @@ def test_load_refuses_two_domains_and_three_files(trolleys, files):
 
 
 def test_add_and_remove(trolleys):
-    """Objects, facts of both signs, values; what changes nothing takes no number (C1, C4)."""
+    """Objects, facts of both signs, values; an update that changes nothing takes no number (C1, C4)."""
     added = trolleys("add", "t2 - trolley", "(parked t2 shed)", "(increase (load t1) 2)", "--client", "yardman")
     assert (added.code, added.out) == (0, "transaction 2 at 2026-05-04T12:00:01Z: 3 changes\n")
     assert trolleys("value", "(load t1)").out == "7\n"
@@ -95,7 +95,7 @@ def test_at_schedules_and_cancels(trolleys):
 
 
 def test_goals(trolleys):
-    """A conjunction is split; ? removes what matches (C10)."""
+    """A conjunction is split; ? removes all matches (C10)."""
     trolleys("goal", "add", "(and (parked t1 yard) (>= (load t1) 8))")
     goals = [goal["pddl"] for goal in trolleys("state", "--json").json["goals"]]
     assert sorted(goals) == ["(>= (load t1) 8)", "(parked t1 shed)", "(parked t1 yard)"]
@@ -124,7 +124,7 @@ def test_the_knowledge_base_is_the_only_one_or_named(trolleys, run, files):
 
 
 def test_the_environment_names_store_and_knowledge_base(trolleys, monkeypatch, run, files):
-    """KBSTORE_URL and KBSTORE_KB count where no option stands; an option before or after the command wins."""
+    """KBSTORE_URL and KBSTORE_KB are used where there is no option; an option before or after the command wins."""
     trolleys("load", files[0], "--kb", "other")
     monkeypatch.setenv("KBSTORE_URL", str(trolleys.url))
     monkeypatch.setenv("KBSTORE_KB", "yard")

@@ -1,4 +1,4 @@
-"""Services on stores of their own, asked in the same process."""
+"""Services on separate stores, asked in the same process."""
 
 import threading
 
@@ -23,7 +23,7 @@ def recorded(tmp_path_factory):
 
 @pytest.fixture
 def serve():
-    """Serves stores to clients, and ends them; no thread is left."""
+    """Serve stores to clients, and stop; no thread is left."""
     clients = []
     before = set(threading.enumerate())
 
@@ -43,7 +43,7 @@ def serve():
 
 @pytest.fixture
 def mission(serve, recorded):
-    """A client of the recorded mission; what it answers with 200 is returned as it was decoded."""
+    """A client of the recorded mission; an answer with 200 is returned decoded."""
     client = serve(recorded)
 
     def ask(path, **parameters):

@@ -1,4 +1,4 @@
-"""Who may ask: hosts, origins, tokens, and who may write."""
+"""Access control: hosts, origins, tokens, and writing."""
 
 import hmac
 import json
@@ -36,7 +36,7 @@ def test_this_machine_is_answered(serve, store, host):
 
 @pytest.mark.parametrize("host", ["evil.example", "evil.example:8011", "127.0.0.1.evil.example", "", "[::2]:8011"])
 def test_another_host_is_refused(serve, store, host):
-    """A name of another site that leads here (DNS rebinding) is not this server's; the page is refused, too."""
+    """A host name of another site that resolves to here (DNS rebinding) is refused, also for the page."""
     client = serve(store)
     assert asked(client, host=host).status_code == 421
     assert client.get("/", headers={"host": host}).status_code == 421
@@ -44,7 +44,7 @@ def test_another_host_is_refused(serve, store, host):
 
 @pytest.mark.parametrize("host", ["0.0.0.0", "::", "192.168.1.7", "robot.example"])
 def test_others_are_served_with_a_token_only(store, host):
-    """An address that is not this machine's needs a token, which is not soon guessed; refused before it is served."""
+    """An address other than this machine's needs a token that is hard to guess; else the server does not start."""
     for token in (None, "", "short", "not ascii ä aaaaaaaaaaaa", "a" * 15):
         with pytest.raises(InvalidKnowledge, match=r"KBSTORE_TOKEN|openssl rand"):
             make_app(Store(store), host=host, token=token)
@@ -53,12 +53,12 @@ def test_others_are_served_with_a_token_only(store, host):
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "127.0.0.2", "::1", "localhost"])
 def test_this_machine_needs_no_token(store, host):
-    """Loopback addresses of both kinds."""
+    """On loopback addresses of both kinds."""
     make_app(Store(store), host=host)
 
 
-def test_a_token_is_asked_for(serve, store):
-    """Everywhere: the page, the questions, the description."""
+def test_a_token_is_required(serve, store):
+    """For the page, the questions, and the description."""
     client = serve(store, token=TOKEN, host="0.0.0.0")
     for path in ("/", "/api/state", "/api/changes/stream", "/timeline/stream?known=0", "/openapi.json", "/nothing"):
         answer = client.get(path)
@@ -70,7 +70,7 @@ def test_a_token_is_asked_for(serve, store):
 
 
 def test_a_token_is_compared_in_constant_time(serve, store, monkeypatch):
-    """How much of it is right is not to be seen from how long the answer takes."""
+    """The time of the answer does not depend on how much of the token is right."""
     compared, compare_digest = [], hmac.compare_digest
 
     def compare(a, b):
@@ -84,7 +84,7 @@ def test_a_token_is_compared_in_constant_time(serve, store, monkeypatch):
 
 
 def test_a_browser_gets_a_cookie_for_the_token(serve, store):
-    """Given once in the address, which is left without it; the cookie is not the token, and does not write."""
+    """The address with the token redirects to one without; the cookie is not the token, and does not allow writing."""
     client = serve(store, token=TOKEN, allow_writes=True)
     answer = client.get("/", params={"kb": "kenny", "token": TOKEN}, follow_redirects=False)
     assert (answer.status_code, answer.headers["location"]) == (303, "?kb=kenny")
@@ -101,20 +101,20 @@ def test_a_browser_gets_a_cookie_for_the_token(serve, store):
 
 
 def test_pages_of_other_sites_may_not_ask(serve, store):
-    """Their requests are refused, and their browsers are not told that answers may be read (no CORS)."""
+    """Their requests are refused, and browsers may not read answers (no CORS)."""
     client = serve(store, allow_writes=True)
     for origin in (OTHER, "http://127.0.0.1:9999", "null"):
         answer = asked(client, origin=origin)
         assert answer.status_code == 403
         assert "access-control-allow-origin" not in answer.headers
-        told = client.post("/api/add", json={"items": ["(q)"]}, headers={"origin": origin})
-        assert told.status_code == 403
+        refused = client.post("/api/add", json={"items": ["(q)"]}, headers={"origin": origin})
+        assert refused.status_code == 403
     assert asked(client, origin=HERE, host="127.0.0.1:8011").status_code == 200
     assert not client.get("/api/holds", params={"condition": "(q)"}).json()["holds"]
 
 
 def test_other_sites_are_allowed_by_name(serve, store):
-    """With the origin: what a browser asks before, and the answer itself; others still may not."""
+    """With the origin: the preflight request, and the answer itself; other sites still may not."""
     client = serve(store, allow_origins=[OTHER], token=TOKEN)
     before = client.options(
         "/api/holds",
@@ -135,7 +135,7 @@ def test_other_sites_are_allowed_by_name(serve, store):
 
 @pytest.mark.parametrize("path", WRITES)
 def test_a_service_that_reads_does_not_write(serve, store, path):
-    """Without --allow-writes every request that would change something is refused, and nothing has changed."""
+    """Without --allow-writes every request that would change something is refused, and nothing changes."""
     client = serve(store)
     for method in ("POST", "PUT", "PATCH", "DELETE"):
         answer = client.request(method, f"/api/{path}", json={"items": ["(q)"], "run": 1, "operator": "go"})
@@ -146,7 +146,7 @@ def test_a_service_that_reads_does_not_write(serve, store, path):
     assert not [path for path in client.get("/openapi.json").json()["paths"] if path.endswith("/add")]
 
 
-def test_a_store_that_is_served_to_read_is_not_written_to(serve, store):
+def test_a_read_only_service_does_not_change_the_file(serve, store):
     """The knowledge base itself is opened read-only: not a byte of the file changes."""
     before = store.read_bytes()
     client = serve(store)
@@ -156,8 +156,8 @@ def test_a_store_that_is_served_to_read_is_not_written_to(serve, store):
     assert store.read_bytes() == before
 
 
-def test_a_browser_is_told_to_be_careful(serve, store):
-    """Answers are not kept, not framed, not taken for something else; also refusals."""
+def test_security_headers_are_sent(serve, store):
+    """Answers, and refusals, may not be cached, framed, or read as another type."""
     client = serve(store)
     for answer in (client.get("/"), asked(client), asked(client, host="evil.example")):
         assert answer.headers["x-content-type-options"] == "nosniff"
@@ -166,7 +166,7 @@ def test_a_browser_is_told_to_be_careful(serve, store):
 
 
 def test_a_form_of_another_page_is_not_taken_for_json(serve, store):
-    """What a page can send without asking first (no origin, as old browsers do) is not read as a body."""
+    """A body that a page can send without a preflight (no origin, as old browsers do) is not read."""
     client = serve(store, allow_writes=True)
     body = json.dumps({"items": ["(q)"]})
     for headers in ({"content-type": "text/plain"}, {"content-type": "application/x-www-form-urlencoded"}, {}):

@@ -1,4 +1,4 @@
-"""Tools for agents, called by the SDK's own client: in this process, and in a process of its own."""
+"""Tools for agents, called by the SDK's own client: in this process, and in a separate process."""
 
 import logging
 import re
@@ -78,7 +78,7 @@ def listed(server):
 
 
 def test_an_agent_learns_how_to_ask(kenny):
-    """The server's instructions say what times and worlds mean, and give the domain's symbols with their types."""
+    """The server's instructions explain times and worlds, and list the domain's symbols with their types."""
     tools, instructions = listed(agent_server(kenny))
     assert [tool.name for tool in tools] == ASKING
     assert all(tool.annotations.read_only_hint and tool.description for tool in tools)
@@ -88,8 +88,8 @@ def test_an_agent_learns_how_to_ask(kenny):
     assert "(pass_door ?r - robot ?d - door ?from - waypoint ?to - waypoint)" in instructions
 
 
-def test_an_open_world_is_said_to_be_one():
-    """V2: in an open world what is not asserted is unknown; without a domain there are no symbols to list."""
+def test_the_instructions_name_an_open_world():
+    """V2: in an open world absent is unknown; without a domain there are no symbols to list."""
     with kbstore.open("sqlite://", "open", use_unknowns=True, clock=ManualClock()) as kb:
         _, instructions = listed(agent_server(kb))
         assert "What is not asserted is unknown." in instructions
@@ -230,9 +230,9 @@ def test_each_tool_answers_in_lines(kenny, tool, arguments, expected):
 
 
 @pytest.mark.parametrize("mode", ["auto", "legacy"])
-def test_an_agent_writes_in_its_own_name(ken, mode):
-    """The client of a transaction is what the agent's program calls itself, on one line."""
-    told = calls(
+def test_an_agent_writes_under_its_own_name(ken, mode):
+    """The client of a transaction is the name that the agent's program gives, on one line."""
+    answers = calls(
         agent_server(ken, allow_writes=True),
         ("add", {"items": ["bob - robot", "(robot_at bob lab)"], "note": "seen by the camera"}),
         ("add", {"items": ["(robot_at bob lab)"]}),
@@ -243,7 +243,7 @@ def test_an_agent_writes_in_its_own_name(ken, mode):
         mode=mode,
         name="planner\nbot",
     )
-    assert told == [
+    assert answers == [
         (False, "recorded as tx26 at 2026-05-04T09:09:10Z: 2 changes"),
         (False, "nothing changed: it is known already, or does not hold; the latest transaction is tx26"),
         (False, "recorded as tx27 at 2026-05-04T09:09:10Z: 1 change"),
@@ -259,7 +259,7 @@ def test_an_agent_writes_in_its_own_name(ken, mode):
 
 
 def test_an_agent_without_a_name_is_mcp(ken):
-    """A program that gives no name of its own is recorded as ``mcp``."""
+    """A program that gives no name is recorded as ``mcp``."""
     calls(agent_server(ken, allow_writes=True), ("add", {"items": ["bob - robot"]}), name=" ")
     (change,) = ken.changes(after=25)
     assert change.transaction.client == "mcp"
@@ -303,7 +303,7 @@ def test_nothing_is_written_unless_it_is_allowed(kenny):
     ],
 )
 def test_an_error_says_what_to_write_instead(ken, tool, arguments, said):
-    """Each refusal is kbstore's sentence, without advice for programmers; nothing is stored."""
+    """Each error is kbstore's sentence, without advice for programmers; nothing is stored."""
     before = ken.now(), len(list(ken.changes()))
     text = refused(ken, tool, **arguments)
     assert said in text
@@ -312,14 +312,14 @@ def test_an_error_says_what_to_write_instead(ken, tool, arguments, said):
 
 
 @pytest.mark.parametrize("advice", IN_PYTHON)
-def test_advice_for_programmers_is_still_given(advice):
-    """What is put into other words here is in some message."""
+def test_replaced_advice_still_occurs(advice):
+    """Each piece of advice that is replaced here occurs in some message."""
     sources = "".join(path.read_text() for path in (ROOT / "kbstore").rglob("*.py") if "serve" not in path.parts)
     assert advice.partition("(")[0] in sources
 
 
 def test_logging_stays_as_the_host_has_it(kenny, monkeypatch):
-    """A server in a program of somebody else's adds no handler, and changes no level."""
+    """A server inside another program adds no log handler, and changes no level."""
     monkeypatch.setattr(logging.root, "handlers", [])
     agent_server(kenny)
     assert (logging.root.handlers, logging.root.level) == ([], logging.WARNING)
@@ -381,7 +381,7 @@ def crowded():
     ],
 )
 def test_an_answer_is_short_and_says_what_is_left_out(crowded, tool, arguments, left_out):
-    """At most some 60 lines of at most some 400 characters, whatever clients wrote; the last word is how to narrow."""
+    """At most about 60 lines of at most about 400 characters, for any text of clients; its end says how to narrow."""
     text = asked(crowded, tool, **arguments)
     lines = text.split("\n")
     assert len(lines) <= agent_text.MOST_LINES + 20
@@ -392,13 +392,13 @@ def test_an_answer_is_short_and_says_what_is_left_out(crowded, tool, arguments, 
 
 
 def test_nothing_is_left_out_of_a_short_answer(kenny):
-    """A part of a state with more lines than its share has those that the other parts do not need."""
+    """A part of a state with more lines than its share gets the lines that the other parts do not need."""
     text = asked(kenny, "state")
     assert len(text.split("\n")) < agent_text.MOST_LINES
     assert "to see them" not in text
 
 
-def test_what_was_left_out_can_be_asked_for(crowded):
+def test_the_rest_of_an_answer_can_be_asked_for(crowded):
     """The advice at the end of an answer leads to the runs before it, without a gap."""
     first = asked(crowded, "runs").split("\n")
     until = re.search(r'until="(.*)"', first[0])[1]
@@ -409,7 +409,7 @@ def test_what_was_left_out_can_be_asked_for(crowded):
 
 
 def test_an_error_is_short(crowded):
-    """A refusal of a thousand items is cut, and says so."""
+    """An error with a thousand items is cut, and says so."""
     with kbstore.open("sqlite://", "other", clock=ManualClock()) as kb:
         kb.load("(define (domain d) (:types door) (:predicates (open ?d - door)))")
         text = refused(kb, "add", items=[f"(open d{number})" for number in range(1000)])
@@ -420,7 +420,7 @@ def test_an_error_is_short(crowded):
 
 @pytest.mark.parametrize("writing", [False, True])
 def test_a_process_of_its_own(tmp_path, writing):
-    """`kbstore mcp` on standard input and output: only what is allowed is there, and only it reaches the file."""
+    """`kbstore mcp` on standard input and output: permitted tools alone are there, and change the file."""
     file = tmp_path / "kenny.db"
     record(f"sqlite:///{file}").close()
     before = shutil.copy(file, tmp_path / "before.db")
@@ -444,7 +444,7 @@ def test_a_process_of_its_own(tmp_path, writing):
 
 
 def test_a_library_that_is_missing_is_named(monkeypatch, tmp_path):
-    """Without the extra, the command says which one is needed, on one line, and exits with 2."""
+    """Without the extra, the command names it on one line, and exits with 2."""
     monkeypatch.delitem(sys.modules, "kbstore.serve.mcp", raising=False)
     monkeypatch.setitem(sys.modules, "mcp.server.mcpserver", None)
     done = CliRunner().invoke(app, ["mcp", "--url", str(tmp_path / "kenny.db")], prog_name="kbstore")

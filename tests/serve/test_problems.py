@@ -1,4 +1,4 @@
-"""What cannot be answered is a problem (RFC 9457) with kbstore's sentence and a fitting status."""
+"""Errors are problems (RFC 9457) with kbstore's sentence and a fitting status."""
 
 import threading
 
@@ -25,7 +25,7 @@ from kbstore.serve.problems import STATUSES
     ],
 )
 def test_errors_are_problems(serve, recorded, path, parameters, status, error, sentence):
-    """The status tells kinds apart, `error` names the class, and `detail` is what a person needs."""
+    """The status gives the kind, `error` the class, and `detail` the sentence for people."""
     answer = serve(recorded).get(f"/api/{path}", params=parameters)
     assert (answer.status_code, answer.headers["content-type"]) == (status, "application/problem+json")
     found = answer.json()
@@ -34,28 +34,28 @@ def test_errors_are_problems(serve, recorded, path, parameters, status, error, s
 
 
 def test_each_error_has_a_status():
-    """The list ends with what fits everything, and no error is hidden by one before it."""
+    """The list ends with the base class, and no error is hidden by an earlier one."""
     kinds = [kind for kind, _ in STATUSES]
     assert kinds[-1] is errors.KbStoreError
     assert not [kind for i, kind in enumerate(kinds) if any(issubclass(kind, earlier) for earlier in kinds[:i])]
 
 
-def test_a_place_in_pddl_is_told(serve, recorded):
-    """Line and column are numbers, for who marks the place."""
+def test_a_position_in_pddl_is_returned(serve, recorded):
+    """Line and column are numbers, for programs that mark the position."""
     found = serve(recorded).get("/api/holds", params={"condition": "(and\n  (open lab_door)\n"}).json()
     assert (found["line"], found["column"]) == (1, 1)
 
 
-def test_all_violations_are_told(serve, recorded):
-    """A sentence for each."""
+def test_all_violations_are_returned(serve, recorded):
+    """There is one sentence for each."""
     found = serve(recorded).get("/api/changes", params={"after": -1, "limit": 0}).json()
     assert found["status"] == 422
     assert [violation.partition(":")[0] for violation in found["violations"]] == ["query.after", "query.limit"]
 
 
 @pytest.mark.parametrize(("path", "status"), [("/api/nothing", 404), ("/nothing", 404), ("/docs", 404)])
-def test_what_is_not_there_is_a_problem(serve, recorded, path, status):
-    """There are no pages that ask other hosts for scripts either."""
+def test_unknown_paths_are_problems(serve, recorded, path, status):
+    """Unknown paths are problems; there are no pages that load scripts from other hosts either."""
     answer = serve(recorded).get(path)
     assert (answer.status_code, answer.headers["content-type"]) == (status, "application/problem+json")
 
@@ -71,7 +71,7 @@ def test_history_that_was_archived_is_gone(serve, tmp_path):
     client = serve(tmp_path / "k.db", clock=clock)
     answer = client.get("/api/holds", params={"condition": "(p)", "at": str(seconds(15))})
     assert (answer.status_code, answer.json()["error"]) == (410, "HistoryUnavailable")
-    # what is kept is answered without being asked for a span
+    # the kept history is answered without a span
     assert len(client.get("/api/history", params={"pattern": "(f)"}).json()) == 2
     assert client.get("/api/runs").json() == []
     assert client.get("/").status_code == 200

@@ -1,4 +1,4 @@
-"""The JSON interface asks what the methods of the same names ask."""
+"""The paths of the JSON interface answer like the methods of the same names."""
 
 import json
 
@@ -27,7 +27,7 @@ def test_the_knowledge_bases_are_listed(serve, tmp_path):
 
 
 def test_a_knowledge_base_is_named_where_there_are_several(serve, tmp_path):
-    """As on the command line: the only one needs no name; otherwise it is said which there are."""
+    """As on the command line: the only one needs no name; otherwise the error lists them."""
     for name, fact in (("kenny", "(p)"), ("lenny", "(q)")):
         with kbstore.open(tmp_path / "k.db", name) as kb:
             kb.add(fact)
@@ -39,8 +39,8 @@ def test_a_knowledge_base_is_named_where_there_are_several(serve, tmp_path):
         assert "kenny, lenny" in answer.json()["detail"]
 
 
-def test_a_knowledge_base_that_comes_later_is_served(serve, tmp_path):
-    """The store is asked which there are whenever one is named that is not open."""
+def test_a_knowledge_base_created_later_is_served(serve, tmp_path):
+    """The store is read again whenever a name is given that is not open."""
     kbstore.open(tmp_path / "k.db", "kenny").close()
     client = serve(tmp_path / "k.db")
     assert client.get("/api/state", params={"kb": "lenny"}).status_code == 404
@@ -80,7 +80,7 @@ def test_a_state(mission, kb):
 
 
 def test_a_belief_of_the_past(mission):
-    """Q2: what was expected before the alarm, by a time or by a transaction."""
+    """Q2: the expectation before the alarm, by a time or by a transaction."""
     for as_of in ("2026-05-04T09:00:45Z", "tx10", "#10"):
         found = mission("state", at=FIRE, as_of=as_of)
         assert "(robot_at kenny lab)" in pddl(found["facts"])
@@ -110,7 +110,7 @@ def test_single_questions(mission):
 
 
 def test_a_question_is_answered_anew_after_each_transaction(serve, tmp_path):
-    """What is answered at once, without a thread, is never what held before."""
+    """An answer given at once, without a thread, is never an old one."""
     with kbstore.open(tmp_path / "k.db") as kb:
         kb.add("(p)", "(= (f) 0)")
         client = serve(tmp_path / "k.db")
@@ -160,7 +160,7 @@ def test_a_metric_that_changes(serve, tmp_path):
 
 
 def test_changes_by_pages(mission):
-    """Q6: the transactions after a number, as many as are asked for."""
+    """Q6: the transactions after a number, up to a limit."""
     assert [change["number"] for change in mission("changes", after=2, limit=3)] == [3, 4, 5]
     everything = mission("changes")
     assert [change["number"] for change in everything] == list(range(1, 26))
@@ -176,7 +176,7 @@ def test_the_problem_for_a_planner(serve, recorded, kb):
 
 
 def test_times_are_exact(serve, tmp_path):
-    """T1: text with nine decimals; JavaScript would round the numbers, so there are none."""
+    """T1: times are text with nine decimals, since JavaScript would round numbers."""
     t = 1_777_885_200_000_000_001
     with kbstore.open(tmp_path / "k.db", clock=ManualClock(t)) as kb:
         kb.add("(p)")
@@ -200,7 +200,7 @@ def test_times_are_exact(serve, tmp_path):
     ],
 )
 def test_times_are_given_in_any_form(serve, tmp_path, written, seconds_later):
-    """T2: as text, or nanoseconds; a plus sign that nobody escaped arrives as a space."""
+    """T2: as text, or nanoseconds; a plus sign that is not escaped arrives as a space."""
     clock = ManualClock(seconds(980))
     with kbstore.open(tmp_path / "k.db", clock=clock) as kb:
         kb.add("(p)")
@@ -210,7 +210,7 @@ def test_times_are_given_in_any_form(serve, tmp_path, written, seconds_later):
 
 
 def test_a_store_on_postgresql(serve, empty_database):
-    """The same of a server's store: each question in a thread, also one about a fact now."""
+    """The same from a server's store: each question in a thread, also one about a fact now."""
     with kbstore.open(empty_database, "kenny") as kb:
         kb.add("(p)")
         client = serve(empty_database, allow_writes=True)

@@ -1,4 +1,4 @@
-"""A real server on this machine: many clients at once, streams, and its end."""
+"""A real server on this machine: many clients at once, streams, and stopping."""
 
 import json
 import os
@@ -26,15 +26,15 @@ CLIENTS = 50
 
 @contextmanager
 def running(url, **options):
-    """A server of a store in a thread; the address at which it is asked."""
+    """A server of a store in a thread; its address."""
     ready, addresses = threading.Event(), []
 
-    def tell(address):
+    def report(address):
         addresses.append(address)
         ready.set()
 
     served = make_app(Store(url, allow_writes=options.get("allow_writes", False)), **options)
-    server = Server(served, ready=tell)
+    server = Server(served, ready=report)
     thread = threading.Thread(target=server.run, args=[[listen("127.0.0.1", 0)]])
     before = set(threading.enumerate())
     thread.start()
@@ -68,7 +68,7 @@ def events(lines):
 
 
 def test_fifty_clients_at_once(store):
-    """Each is answered by what holds at some moment while it asks, whoever writes meanwhile; no thread is left."""
+    """Each gets the state of some time during its request, with any writes meanwhile; no thread is left."""
     asking, wrong = threading.Event(), []
 
     with kbstore.open(store, "kenny") as kb, running(store) as address:
@@ -95,14 +95,14 @@ def test_fifty_clients_at_once(store):
 
 
 def test_changes_are_streamed(store):
-    """Q6: as events of their own type, with the transaction's number as id, which a client comes back with."""
+    """Q6: as events of a separate type, with the transaction's number as id, from which a client can continue."""
     with kbstore.open(store, "kenny") as kb, running(store) as address, httpx2.Client(base_url=address) as client:
         with client.stream("GET", "/api/changes/stream", params={"after": 1}) as answer:
             assert answer.headers["content-type"].startswith("text/event-stream")
-            told = kb.add("(q)", client="somebody")
+            added = kb.add("(q)", client="somebody")
             event = next(events(answer.iter_lines()))
             change = json.loads(event["data"])
-            assert (event["event"], event["id"]) == ("change", str(told.number))
+            assert (event["event"], event["id"]) == ("change", str(added.number))
             assert change["transaction"]["client"] == "somebody"
             assert [each["item"]["pddl"] for each in change["asserted"]] == ["(q)"]
         kb.add("(r)")
@@ -110,14 +110,14 @@ def test_changes_are_streamed(store):
         headers = {"Last-Event-ID": event["id"]}
         with client.stream("GET", "/api/changes/stream", headers=headers, params={"after": 1}) as answer:
             found = events(answer.iter_lines())
-            assert [int(next(found)["id"]) for _ in range(2)] == [told.number + 1, told.number + 2]
+            assert [int(next(found)["id"]) for _ in range(2)] == [added.number + 1, added.number + 2]
         with client.stream("GET", "/api/changes/stream", params={"after": 0, "pattern": "(p)"}) as answer:
             found = events(answer.iter_lines())
-            assert [int(next(found)["id"]) for _ in range(2)] == [1, told.number + 2]
+            assert [int(next(found)["id"]) for _ in range(2)] == [1, added.number + 2]
 
 
-def test_a_stream_of_what_cannot_be_followed_is_refused(store):
-    """By a problem, before it begins."""
+def test_an_invalid_stream_is_refused(store):
+    """The answer is a problem, before the stream begins."""
     with running(store) as address:
         for parameters, status in (({"pattern": "(and (p) (q))"}, 422), ({"pattern": "(p"}, 400), ({"kb": "x"}, 404)):
             answer = httpx2.get(f"{address}api/changes/stream", params=parameters)
@@ -125,7 +125,7 @@ def test_a_stream_of_what_cannot_be_followed_is_refused(store):
 
 
 def test_the_end_of_the_server_ends_its_streams(store):
-    """Nobody has to hang up first."""
+    """Clients do not have to disconnect first."""
     with httpx2.Client(timeout=20) as client:
         with running(store) as address:
             stream = client.stream("GET", f"{address}api/changes/stream")
@@ -135,30 +135,30 @@ def test_the_end_of_the_server_ends_its_streams(store):
         stream.__exit__(None, None, None)
 
 
-def test_the_page_is_told_what_has_changed(store):
-    """The stream of the page: patches that lead from what it has to what there is, and the time."""
+def test_the_page_gets_patches(store):
+    """The stream of the page: patches from its version to the latest, and the time."""
     with kbstore.open(store, "kenny") as kb, running(store) as address, httpx2.Client(base_url=address) as client:
         text = client.get("/").text
         data = json.loads(text.partition('<script id="data" type="application/json">')[2].partition("</script>")[0])
         assert data["latest"] == 1
         with client.stream("GET", f"/{data['stream']}") as answer:
             following = events(answer.iter_lines())
-            assert next(following)["event"] == "now"  # the page is up to date, and told of what comes
-            told = kb.add("(q)", note="new")
+            assert next(following)["event"] == "now"  # the page is up to date, and gets new changes
+            added = kb.add("(q)", note="new")
             found = next(event for event in following if event["event"] == "patch")
             patch = json.loads(found["data"])
-            assert patch["latest"] == told.number
+            assert patch["latest"] == added.number
             length, [[index, transaction]] = patch["transactions"]
             assert (length, index, transaction[3]) == (2, 1, "new")
             assert patch["rows"][0] == len(data["rows"]) + 1
         with client.stream("GET", f"/{data['stream']}") as answer:
             # a page that is behind gets everything
-            assert json.loads(next(events(answer.iter_lines()))["data"])["latest"] == told.number
+            assert json.loads(next(events(answer.iter_lines()))["data"])["latest"] == added.number
 
 
 @pytest.mark.parametrize("way", [signal.SIGINT, signal.SIGTERM])
 def test_the_command_serves_until_it_is_stopped(tmp_path, way):
-    """``kbstore serve``: tells where, answers, and ends without a word."""
+    """``kbstore serve`` prints its address, answers, and ends without output."""
     record(f"sqlite:///{tmp_path / 'k.db'}").close()
     command = [sys.executable, "-c", "from kbstore.cli import main; main()"]
     command += ["serve", "--url", "k.db", "--port", "0", "--now", "last"]
@@ -175,7 +175,7 @@ def test_the_command_serves_until_it_is_stopped(tmp_path, way):
 
 
 def test_a_port_that_is_taken_is_an_error(run_serve):
-    """On one line, with what to do."""
+    """The error is one line, with what to do."""
     with socket.create_server(("127.0.0.1", 0)) as taken:
         done = run_serve("--port", str(taken.getsockname()[1]))
     assert done.returncode == 2
@@ -183,16 +183,16 @@ def test_a_port_that_is_taken_is_an_error(run_serve):
     assert line.startswith("kbstore: cannot listen at 127.0.0.1, port")
 
 
-def test_a_store_that_is_not_there_is_an_error(tmp_path):
-    """When the service is started, and not when it is asked; none is made, whether it may write or not."""
+def test_a_missing_store_is_an_error(tmp_path):
+    """At the start of the service, not at the first question; no store is created, even with writing allowed."""
     for writes in ([], ["--allow-writes"]):
         done = CliRunner().invoke(app, ["serve", "--url", str(tmp_path / "no.db"), *writes], prog_name="kbstore")
         assert (done.exit_code, "there is no store" in done.stderr) == (2, True)
     assert list(tmp_path.iterdir()) == []
 
 
-def test_others_are_refused_without_a_token(run_serve):
-    """Before anything is served."""
+def test_other_hosts_are_refused_without_a_token(run_serve):
+    """The server does not start."""
     done = run_serve("--host", "0.0.0.0")
     assert (done.returncode, "KBSTORE_TOKEN" in done.stderr, len(done.stderr.splitlines())) == (2, True, 1)
 
@@ -218,8 +218,8 @@ def run_serve(store):
 
 
 @pytest.mark.parametrize("library", ["fastapi", "uvicorn"])
-def test_a_missing_library_is_told(store, monkeypatch, library):
-    """One line names the extra that brings it."""
+def test_a_missing_library_is_named(store, monkeypatch, library):
+    """The error is one line that names the extra."""
     for name in [name for name in sys.modules if name.startswith(("kbstore.serve.", library))]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, library, None)

@@ -1,4 +1,4 @@
-"""What a service takes that may write: a POST for each change, one transaction each."""
+"""Writing through a service: a POST for each change, which is one transaction."""
 
 import pytest
 
@@ -32,11 +32,11 @@ def service(serve, tmp_path, clock):
 
 
 def test_knowledge_is_added_and_removed(service):
-    """The answer is the transaction, with who and why."""
+    """The answer is the transaction, with client and note."""
     post, kb = service
-    told = post("add", items=["(at k hall)", "(= (battery k) 80)"], client="web", note="a test")
-    assert told.status_code == 200
-    assert told.json() == {
+    added = post("add", items=["(at k hall)", "(= (battery k) 80)"], client="web", note="a test")
+    assert added.status_code == 200
+    assert added.json() == {
         "number": 3,
         "time": isoformat(seconds(1000)),
         "client": "web",
@@ -55,7 +55,7 @@ def test_knowledge_is_added_and_removed(service):
 
 
 def test_times_of_knowledge(service, clock):
-    """T4, L1: scheduled for later, or learned late."""
+    """T4, L1: scheduled, or late."""
     post, kb = service
     clock.set(seconds(2000))
     assert post("add", items=["(tidy)"], initial_time="+60s").status_code == 200
@@ -68,7 +68,7 @@ def test_times_of_knowledge(service, clock):
 
 
 def test_goals_metric_and_replacement(service):
-    """C10, C11, C13: as the methods of these names."""
+    """C10, C11, C13: as by the methods of these names."""
     post, kb = service
     assert post("add-goal", items=["(and (tidy) (at k hall))"]).json()["changes"] == 2
     assert post("remove-goal", items=["(tidy)"]).json()["changes"] == 1
@@ -114,16 +114,16 @@ def test_actions(service, clock):
         ("start", {"operator": "go", "arguments": ["k", "hall"], "seconds": -1}, 422),
     ],
 )
-def test_what_is_wrong_stores_nothing(service, path, body, status):
-    """C1, D1: all or nothing, with a problem for each."""
+def test_an_invalid_request_stores_nothing(service, path, body, status):
+    """C1, D1: all or nothing, with a problem for each error."""
     post, kb = service
     answer = post(path, **body)
     assert (answer.status_code, answer.headers["content-type"]) == (status, "application/problem+json")
     assert kb.add("(tidy)").number == 3
 
 
-def test_all_violations_of_a_request_are_told(service):
-    """D1: with a sentence for each."""
+def test_all_violations_of_a_request_are_returned(service):
+    """D1: there is one sentence for each."""
     post, _ = service
     found = post("add", items=["(at k nowhere)", "(= (battery hall) 1)"]).json()
     assert len(found["violations"]) == 2
