@@ -43,7 +43,7 @@ VIEWS = (
 
 _NAMES = frozenset((*tables.metadata.tables, *VIEWS, VERSION_TABLE))
 
-_HASH = "b38b9be36e733ff8583ba7f333441cf40301b0502ec6e7ffc53d48a91945380e"
+_HASH = "79cdaa44a8644499323bf000603700209a22c05d56b7590a08490168c6412a7b"
 """The hash of the statements that the migrations leave in an SQLite file."""
 
 
