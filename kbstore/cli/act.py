@@ -117,7 +117,7 @@ def end(
     failing, broken = each(done.failing), each(done.broken)
     report = {"run": plain(run), "transaction": plain(done), "failing": failing, "broken": broken}
     said = [f"transaction {done.number} at {isoformat(done.time)}: {run.action} ended"]
-    said += [f"at its end, {failing.condition} is {failing.truth}" for failing in done.failing]
+    said += [f"at its end, {failing.condition} is {failing.verdict}" for failing in done.failing]
     said += [f"over all, {broken}" for broken in done.broken]
     answer(report, as_json=as_json, view=lambda: "\n".join(said))
 

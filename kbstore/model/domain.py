@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from types import MappingProxyType
 from typing import Self, TypeVar
 
 from kbstore.errors import InvalidKnowledge, UnknownSymbol, one_line
@@ -86,6 +87,8 @@ class Domain:
     def __post_init__(self) -> None:
         object.__setattr__(self, "types", NameMapping(self.types))
         object.__setattr__(self, "constants", NameMapping(self.constants))
+        for name in ("predicate_signatures", "function_signatures", "actions", "rules", "object_fluents"):
+            object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
 
     def __repr__(self) -> str:
         counts = (

@@ -284,16 +284,22 @@ class FailingCondition(Result):
 
     `since` is the time from which it has had its `truth`, false or unknown, without interruption. It is None if the
     condition never had another truth, if it depends on ``?duration``, or if that time is before the history in the
-    store.
+    store. The condition of an effect that needs a number without a value is the function; it `is_undefined`.
     """
 
     condition: str
     since: int | None
     truth: Truth
+    is_undefined: bool = False
+
+    @property
+    def verdict(self) -> str:
+        """What the condition is: false, unknown or undefined."""
+        return "undefined" if self.is_undefined else str(self.truth)
 
     def __str__(self) -> str:
         since = "" if self.since is None else f" since {isoformat(self.since)}"
-        return f"{self.condition} is {self.truth}{since}"
+        return f"{self.condition} is {self.verdict}{since}"
 
     def __repr__(self) -> str:
         return f"FailingCondition({str(self)!r})"

@@ -195,7 +195,7 @@ def applicability_view(action: str, answer: Applicability, moments: TimeFormat) 
     for failing in answer.failing:
         since = "" if failing.since is None else f" since {moments.absolute(failing.since)}"
         ago = "" if failing.since is None else f" ({moments.relative(failing.since)})"
-        lines.append(Text(f"  {failing.condition} is {failing.truth}{since}{ago}"))
+        lines.append(Text(f"  {failing.condition} is {failing.verdict}{since}{ago}"))
     return Group(*lines)
 
 

@@ -10,7 +10,7 @@ from kbstore.evaluation.interpretation import Interpretation
 from kbstore.evaluation.snapshot import Snapshot
 from kbstore.messages import AssignOp, KnowledgeType, Truth
 from kbstore.model.domain import Domain
-from kbstore.model.formulas import Atom, Formula, Timing
+from kbstore.model.formulas import Atom, Defined, Formula, Timing
 from kbstore.model.results import Applicability, FailingCondition, Run
 from kbstore.model.timelines import EndCause, Role, atom_key
 from kbstore.names import key
@@ -331,7 +331,7 @@ def applicability(
 
 
 def _foreseen(breaks: Sequence[Break]) -> list[FailingCondition]:
-    return [FailingCondition(condition_text(condition), since, truth) for condition, truth, since in breaks]
+    return [_failing(condition, since, truth) for condition, truth, since in breaks]
 
 
 def _at_start(state: State, action: GroundAction, *, duration: float | None = None, force: bool = False) -> Effects:
@@ -349,7 +349,11 @@ def _at_start(state: State, action: GroundAction, *, duration: float | None = No
 
 
 def _explained(state: Explained, failing: Sequence[Failing]) -> Applicability:
-    return Applicability([FailingCondition(condition_text(c), _since(state, c), truth) for c, truth in failing])
+    return Applicability([_failing(condition, _since(state, condition), truth) for condition, truth in failing])
+
+
+def _failing(condition: Formula, since: int | None, truth: Truth) -> FailingCondition:
+    return FailingCondition(condition_text(condition), since, truth, isinstance(condition, Defined))
 
 
 def _since(state: Explained, condition: Formula) -> int | None:

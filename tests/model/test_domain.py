@@ -30,7 +30,9 @@ def test_operators_are_found_in_any_case_and_listed_as_written():
 
 
 @pytest.mark.parametrize(
-    "mapping", [DOMAIN.types, DOMAIN.constants, DOMAIN.operators], ids=["types", "constants", "operators"]
+    "mapping",
+    [DOMAIN.types, DOMAIN.constants, DOMAIN.operators, DOMAIN.actions, DOMAIN.predicate_signatures],
+    ids=["types", "constants", "operators", "actions", "predicates"],
 )
 def test_a_domain_cannot_be_changed_by_its_mappings(mapping):
     """What was loaded is what is checked against: assigning to a mapping is a TypeError."""

@@ -5,6 +5,7 @@ import sqlalchemy as sa
 
 import kbstore
 from kbstore import seconds
+from kbstore.clock import isoformat
 from kbstore.storage import tables
 from tests.conftest import START
 from tests.rules.reading import facts
@@ -234,8 +235,8 @@ def test_an_undefined_number_matters_only_if_the_effect_would_happen(yard):
     yard.remove("(level)")
     assert yard.applicable("fill")
     yard.add("(lit)")
-    assert [failing.condition for failing in yard.applicable("fill").failing] == ["(level)"]
-    with pytest.raises(kbstore.NotApplicable, match=r"\(level\) is false"):
+    assert list(map(str, yard.applicable("fill").failing)) == [f"(level) is undefined since {isoformat(START)}"]
+    with pytest.raises(kbstore.NotApplicable, match=r"\(level\) is undefined"):
         yard.start("fill")
 
 
