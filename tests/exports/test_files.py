@@ -1,4 +1,4 @@
-"""`kbstore export` for other tools, read back by readers that are not kbstore's."""
+"""`kbstore export` for other tools, read back by independent readers."""
 
 import csv
 import io
@@ -43,7 +43,7 @@ def refused(file, *arguments):
 
 
 def test_csv(file):
-    """Headings, times that sort as text, nothing for what is open; only what matches."""
+    """Headings, times that sort as text, empty cells for open ends; only matching rows."""
     rows = list(csv.DictReader(io.StringIO(export(file, "--format", "csv", "(open lab_door)").decode(), newline="")))
     assert [(row["fact"], row["is_negative"], row["initial_time"], row["end_time"]) for row in rows[-2:]] == [
         ("(not (open lab_door))", "true", "2026-05-04T09:10:00.000000000Z", "2026-05-04T09:10:00.000000000Z"),
@@ -59,7 +59,7 @@ def test_csv(file):
 
 
 @pytest.mark.parametrize("of", COLUMNS)
-def test_csv_and_parquet_say_the_same(file, of, tmp_path):
+def test_csv_and_parquet_have_the_same_cells(file, of, tmp_path):
     """Cell by cell; Parquet has each time in nanoseconds and UTC, and each number as a double."""
     path = tmp_path / "table.parquet"
     assert export(file, "--format", "parquet", "--of", of, "--output", path).decode().startswith(str(path))
@@ -135,7 +135,7 @@ class Trace:
 
 
 def test_a_trace_of_the_mission(file):
-    """Facts, runs, numbers and transactions, with names, ends and who made them so."""
+    """Facts, runs, numbers and transactions, with names, ends and their transactions."""
     trace = Trace(export(file, "--format", "perfetto"))
     assert trace.origin == moment("08:58:00")
     assert [entry for entry in trace.named("fact") if entry[0] == "open (fact)"] == [
@@ -160,7 +160,7 @@ def test_a_trace_of_the_mission(file):
 
 
 def test_a_span_of_a_trace(file):
-    """Only what overlaps it, with its own ends; as of a transaction, what was on record then."""
+    """Only overlapping events, with their own ends; with `as_of` those on record then."""
     trace = Trace(export(file, "--format", "perfetto", "--since", "2026-05-04T09:08:00Z"))
     assert {name for *_, name, _, _ in trace.named("run")} == {"(charge kenny)"}
     trace = Trace(export(file, "--format", "perfetto", "--as-of", "tx10"))
@@ -170,7 +170,7 @@ def test_a_span_of_a_trace(file):
 
 @pytest.mark.parametrize("seed", [1, 2, 3, 4])
 def test_a_trace_shows_the_states(seed):
-    """V1, C9, L4: in random lives, the slices at each time up to now are the state's facts, corners its numbers."""
+    """V1, C9, L4: in random stories, the slices at each time up to now are the state's facts, corners its numbers."""
     with world(seed) as kb:
         trace = Trace(trace_text(kb))
         known = [each for each in kb.history() if each.cancelled is None and each.superseded is None]
@@ -221,7 +221,7 @@ def test_names_of_a_trace_may_be_anything():
 
 
 def test_an_empty_trace():
-    """A knowledge base that was told nothing is a trace without events."""
+    """The trace of an empty knowledge base has no events."""
     with kbstore.open("sqlite://", "empty", clock=ManualClock(5)) as kb:
         trace = Trace(trace_text(kb))
     assert (trace.slices, trace.counters, trace.instants, trace.origin) == ([], {}, [], 5)
@@ -243,18 +243,18 @@ def test_an_empty_trace():
         (["--format", "csv", "--of", "transactions", "(open ?)"], "transactions have no pattern"),
     ],
 )
-def test_what_does_not_apply_is_refused(file, arguments, said):
-    """An option that has no meaning for a format is an error, and nothing is written."""
+def test_options_of_other_formats_are_refused(file, arguments, said):
+    """An option without a meaning for a format is an error, and nothing is written."""
     assert said in refused(file, *arguments)
 
 
 def test_jsonl_is_everything(file):
-    """``--format jsonl`` is what ``--format json`` is without a time."""
+    """``--format jsonl`` writes the same as ``--format json`` without a time."""
     assert export(file, "--format", "jsonl") == export(file, "--format", "json")
 
 
 def test_a_file_is_not_overwritten(file, tmp_path):
-    """A file that exists is refused, and stays as it was."""
+    """An existing file is refused, and stays as it was."""
     path = tmp_path / "there.csv"
     path.write_text("mine")
     assert "File exists" in refused(file, "--format", "csv", "--output", str(path))

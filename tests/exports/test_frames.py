@@ -1,4 +1,4 @@
-"""The record as Arrow tables: what they hold, exactly, and how pandas and polars see it."""
+"""The record as Arrow tables: their exact content, and how pandas and polars read it."""
 
 import re
 import sqlite3
@@ -34,7 +34,7 @@ def columns(table, *names):
 
 
 def test_facts(kenny):
-    """Who opened and closed the door, in order; open and what did not happen is null."""
+    """Who opened and closed the door, in order; open ends, and events that did not happen, are null."""
     table = kenny.frame("(open lab_door)")
     names = ("is_negative", "initial_time", "end_time", "recorded_client", "ended_tx", "cancelled_client")
     assert columns(table, *names) == [
@@ -49,7 +49,7 @@ def test_facts(kenny):
 
 
 def test_numbers(kenny):
-    """C7: a number has its value at both ends of each span in which it moves at one rate; an open span has one end."""
+    """C7: a number has its value at both ends of each span with one rate; an open span has one end."""
     table = kenny.frame("(battery kenny)", of="numbers", since="2026-05-04T09:06:00Z")
     assert columns(table, "value", "rate", "end_value", "initial_time", "end_time") == [
         (15.5, -0.25, 3.5, moment("09:06:00"), moment("09:06:48")),  # 48 s
@@ -60,7 +60,7 @@ def test_numbers(kenny):
 
 
 def test_runs(kenny):
-    """Q8: what ran, how it ended, and what was broken."""
+    """Q8: runs, their outcomes, and broken invariants."""
     table = kenny.frame("pass_door", of="runs")
     names = ("action", "started", "expected_end", "ended", "outcome", "duration_s", "started_tx", "ended_tx")
     assert columns(table, *names)[:2] == [
@@ -95,7 +95,7 @@ def test_runs(kenny):
 
 
 def test_transactions(kenny):
-    """Each transaction of the span, as of a transaction those up to it."""
+    """Each transaction of the span; with `as_of` those up to it."""
     table = kenny.frame(of="transactions", since="2026-05-04T08:59:00Z", until="2026-05-04T09:00:30Z")
     assert columns(table, "number", "recorded_time", "client") == [
         (7, moment("08:59:10"), "ward"),
@@ -121,7 +121,7 @@ def test_types(of):
 
 
 def test_nanoseconds_are_exact():
-    """A time with nine decimals, and times near 0, come out of pandas and polars as they went in."""
+    """A time with nine decimals, and times near 0, are unchanged in pandas and polars."""
     clock = ManualClock(1)
     with kbstore.open("sqlite://", "odd", clock=clock) as kb:
         kb.add("(p a)")
@@ -137,15 +137,15 @@ def test_nanoseconds_are_exact():
 
 
 def test_an_open_end_is_null(kenny):
-    """The end of what is open is no time at all, in each library."""
+    """The end of an open assertion is null, in each library."""
     table = kenny.frame("(docked kenny)", since="2026-05-04T09:08:00Z")
     assert table["end_time"].null_count == table.num_rows == 1
     assert table.to_pandas()["end_time"].isna().all()
     assert pl.from_arrow(table)["end_time"].null_count() == 1
 
 
-def test_clients_may_write_what_they_like():
-    """Free text comes back as it was written."""
+def test_free_text_is_unchanged():
+    """Free text is unchanged."""
     with kbstore.open("sqlite://", "nasty", clock=ManualClock(5)) as kb:
         kb.add("(p <b>a</b>)", client=NASTY, note=NASTY)
         assert kb.frame()["recorded_client"].to_pylist() == [NASTY]
@@ -155,7 +155,7 @@ def test_clients_may_write_what_they_like():
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_the_same_as_the_views(tmp_path, seed):
-    """Random lives with late knowledge: rows and columns are those of the views in SQL, which are made elsewhere."""
+    """Random stories with late knowledge: rows and columns are those of the SQL views."""
     file = tmp_path / "depot.db"
     with world(seed, url=f"sqlite:///{file}") as kb:
         tables = {of: kb.frame(of=of) for of in COLUMNS}
@@ -172,7 +172,7 @@ def test_the_same_as_the_views(tmp_path, seed):
             rows = [dict(row) for row in connection.execute(f"SELECT * FROM {view}")]
             both = [name for name in table.schema.names if name in rows[0]]
             assert len(both) >= 5
-            # the view calls who ended it by what is recorded with the row, the frame also by what scheduled it
+            # the view names who ended it by the row's column, the frame also by the schedule
             both = [name for name in both if name not in ("ended_tx", "ended_client")]
             times = [name for name in both if pa.types.is_timestamp(table.schema.field(name).type)]
             found = pl.from_arrow(table).with_columns(
@@ -185,12 +185,12 @@ def test_the_same_as_the_views(tmp_path, seed):
 
 
 def _same(cell):
-    """A cell as both write it: no text, and no number, is nothing; a flag is 0 or 1."""
+    """A cell in the form of both: no text, and no number, is None; a flag is 0 or 1."""
     return None if cell == "" else int(cell) if isinstance(cell, bool) else cell
 
 
-def test_what_is_meant_is_said(kenny):
-    """A pattern of something else, or a relation that is not there, is refused with what to write."""
+def test_wrong_patterns_are_refused_with_advice(kenny):
+    """A pattern of another kind, or an unknown relation, is refused with what to write."""
     with pytest.raises(kbstore.InvalidKnowledge, match="not among the facts; ask with of='numbers'"):
         kenny.frame("(battery kenny)")
     with pytest.raises(kbstore.InvalidKnowledge, match="not among the numbers; ask with of='facts'"):
@@ -206,14 +206,14 @@ def test_what_is_meant_is_said(kenny):
 
 
 def test_a_library_that_is_missing_is_named(kenny, monkeypatch):
-    """Without the extra, the error says which one is needed."""
+    """Without the extra, the error names it."""
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     with pytest.raises(ImportError, match=r"pip install 'kbstore\[frames\]'"):
         kenny.frame()
 
 
 def test_a_history_of_everything(kenny):
-    """Q3: without a pattern, all that any pattern lists, in order of time."""
+    """Q3: without a pattern, the rows of all patterns, in order of time."""
     everything = kenny.history()
     assert [found.initial_time for found in everything] == sorted(found.initial_time for found in everything)
     for pattern in ("(open ?)", "(battery ?)", "? - parcel", "(robot_at ? ?)"):
@@ -224,7 +224,7 @@ def test_a_history_of_everything(kenny):
 
 
 def test_after_archiving(tmp_path):
-    """Q7: without a span, what is kept; a span that needs what was archived is refused."""
+    """Q7: without a span, the kept history; a span that needs archived history is refused."""
     clock = ManualClock(seconds(10))
     with kbstore.open(f"sqlite:///{tmp_path / 'kept.db'}", "kept", clock=clock) as kb:
         kb.add("(p a)")

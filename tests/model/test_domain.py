@@ -1,4 +1,4 @@
-"""What a loaded domain answers: by name in any case (D3), read-only, and as messages."""
+"""A loaded domain: lookups by name in any case (D3), read-only mappings, and messages."""
 
 import pickle
 
@@ -35,7 +35,7 @@ def test_operators_are_found_in_any_case_and_listed_as_written():
     ids=["types", "constants", "operators", "actions", "predicates"],
 )
 def test_a_domain_cannot_be_changed_by_its_mappings(mapping):
-    """What was loaded is what is checked against: assigning to a mapping is a TypeError."""
+    """The loaded domain is the one that is checked against: assigning to a mapping is a TypeError."""
     with pytest.raises(TypeError):
         mapping["new"] = "object"
     with pytest.raises(TypeError):
@@ -60,7 +60,7 @@ def test_a_mapping_is_not_changed_through_what_it_was_made_from():
 
 
 def test_the_public_domain_has_the_messages():
-    """`kbstore.Domain` is what `kb.domain` and a state answer with, also after a predicate was marked as sensed."""
+    """`kbstore.Domain` is the class of `kb.domain` and of a state, also after a predicate was marked as sensed."""
     with kbstore.open("sqlite://") as kb:
         kb.load(DOMAIN.source)
         kb.set_sensed("lit", True)

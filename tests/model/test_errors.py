@@ -1,4 +1,4 @@
-"""Errors: their messages can be printed, whatever they quote."""
+"""Errors: their messages can be printed, with any text that they quote."""
 
 import re
 
@@ -11,7 +11,7 @@ RAW = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u2028\u202e\ud800-\udfff]")
 
 @pytest.mark.parametrize("nasty", ["\x1b[31m", "\x00", "\x07", "\x9b", "\u202e", "\ud800", "\r"])
 def test_no_message_carries_raw_control_characters(nasty):
-    """What a client sent cannot colour, rewind or break a terminal or a log through an error."""
+    """Text from a client cannot colour, rewind or break a terminal or a log through an error."""
     with kbstore.open("sqlite://") as kb:
         kb.load("(define (domain d) (:types t) (:predicates (p ?x - t)))")
         wrong = [
@@ -32,7 +32,7 @@ def test_no_message_carries_raw_control_characters(nasty):
 
 
 @pytest.mark.parametrize("breaking", ["a\nb", "a\n  - b", "a\r\nb"])
-def test_no_message_breaks_its_line_by_what_it_quotes(breaking):
+def test_quoted_text_adds_no_line_to_a_message(breaking):
     """A name in a message cannot add a line to an error, not even one that looks like the error's own."""
     with kbstore.open("sqlite://") as kb:
         kb.load("(define (domain d) (:types t) (:predicates (p ?x - t) (q)) (:functions (f)))")
@@ -56,7 +56,7 @@ def test_no_message_breaks_its_line_by_what_it_quotes(breaking):
 
 
 def test_every_error_keeps_the_text_and_the_builtin_that_it_had():
-    """An error is its sentence, and a builtin for those who know only Python."""
+    """An error has its sentence, and a builtin base class for callers who know only Python."""
     for error, builtin in (
         (kbstore.StoreUnavailable, ConnectionError),
         (kbstore.UnknownSymbol, LookupError),

@@ -1,4 +1,4 @@
-"""Formulas: what stands directly within one, and the same formula with its parts replaced."""
+"""Formulas: the children of a node, and replacing them."""
 
 from typing import get_args
 
@@ -64,13 +64,13 @@ EFFECTS = {
 
 
 def test_the_examples_cover_every_kind_of_node():
-    """A kind of node that is added to the model is added here, too."""
+    """A new kind of node of the model needs an example here."""
     assert {type(node) for node in CONDITIONS} == set(get_args(Formula))
     assert {type(node) for node in EFFECTS} == set(get_args(Effect))
 
 
 @pytest.mark.parametrize("node", [*CONDITIONS, *EFFECTS], ids=str)
-def test_children_are_what_stands_directly_within(node):
+def test_children_are_the_direct_parts(node):
     """`children` has the parts in the order of the text, without those further down."""
     assert children(node) == {**CONDITIONS, **EFFECTS}[node]
     assert children(Not(node)) == (node,)

@@ -1,4 +1,4 @@
-"""Messages as users of Pydantic know them: one error for one mistake, at its place, however a message is made."""
+"""Messages as users of Pydantic know them: one error for one mistake, at its position, however a message is made."""
 
 from types import SimpleNamespace
 
@@ -25,7 +25,7 @@ WHOLE = {
 
 
 class Body(BaseModel):
-    """What a service takes."""
+    """The body of a request to a service."""
 
     item: KnowledgeItem
 
@@ -46,7 +46,7 @@ WRONG = [
 
 @pytest.mark.parametrize(("wrong", "place"), WRONG, ids=lambda value: str(value)[:60])
 def test_one_wrong_field_is_one_error_at_its_place(wrong, place):
-    """The union is discriminated by `knowledge_type`: no error speaks of the other four types."""
+    """The union is discriminated by `knowledge_type`: no error mentions the other four types."""
     with pytest.raises(ValidationError) as caught:
         Body(item=wrong)
     assert [error["loc"] for error in caught.value.errors()] == [place]
@@ -67,7 +67,7 @@ def test_kbstore_raises_its_own_error_for_them(wrong):
 
 
 def test_all_wrong_fields_are_named():
-    """D1: one sentence for each, with its place in the message."""
+    """D1: one sentence for each, with its position in the message."""
     with pytest.raises(InvalidKnowledge) as caught:
         kbstore.item({**FACT, "attribute_name": 7, "values": ["kenny", 7]})
     first, second = caught.value.violations
@@ -90,7 +90,7 @@ def test_all_wrong_fields_are_named():
     ],
 )
 def test_a_constructor_raises_what_validation_raises(model, fields):
-    """`Fact(...)` and `Fact.model_validate(...)` are one: the same exception, with the same places."""
+    """`Fact(...)` and `Fact.model_validate(...)` raise the same exception, with the same positions."""
     with pytest.raises(ValidationError) as made:
         model(**fields)
     with pytest.raises(ValidationError) as validated:
@@ -101,7 +101,7 @@ def test_a_constructor_raises_what_validation_raises(model, fields):
 
 
 def test_a_whole_message_is_read_as_its_type():
-    """The fields of the other types are ignored, in a mapping and in an object, whoever validates."""
+    """The fields of the other types are ignored, in a mapping and in an object."""
     expected = Fact(attribute_name="robot_at", values={"r": "kenny"}, initial_time=1_000_000_005)
     for message in (WHOLE, SimpleNamespace(**WHOLE)):
         assert kbstore.item(message) == expected
@@ -110,21 +110,21 @@ def test_a_whole_message_is_read_as_its_type():
 
 
 def test_a_message_of_another_type_is_refused():
-    """A FACT is not read as a Function because it happens to have the fields."""
+    """A FACT is not read as a Function although it has the fields."""
     with pytest.raises(ValidationError):
         Function.model_validate(WHOLE)
 
 
 def test_the_schema_has_the_discriminator():
-    """OpenAPI: `knowledge_type` tells which of the five schemas counts."""
+    """OpenAPI: `knowledge_type` selects one of the five schemas."""
     schema = TypeAdapter(KnowledgeItem).json_schema()
     assert schema["discriminator"]["propertyName"] == "knowledge_type"
     assert schema["discriminator"]["mapping"]["1"] == "#/$defs/Fact"
     assert len(schema["oneOf"]) == 5
 
 
-def test_what_an_item_dumps_it_reads_again():
-    """Each type of item comes back from its dump, as Python and as JSON."""
+def test_items_read_back_their_dump():
+    """Each type of item is read back from its dump, as Python and as JSON."""
     for text in ("wp7 - waypoint", "(not (p a b))", "(= (f a) 3.5)", "(> (f a) (+ (g) 32))", "minimize (total-time)"):
         item = kbstore.item(text)
         adapter = TypeAdapter(KnowledgeItem)
@@ -133,8 +133,8 @@ def test_what_an_item_dumps_it_reads_again():
 
 
 @pytest.mark.parametrize("value", [float("nan"), float("inf")])
-def test_a_number_that_cannot_be_stored_is_the_stores_to_refuse(value):
-    """C7: a message may carry NaN, as a float64 does; adding it is `InvalidKnowledge` that names the function."""
+def test_a_number_that_is_not_finite_is_refused_when_added(value):
+    """C7: a message may have NaN, as a float64 may; adding it is `InvalidKnowledge` that names the function."""
     moving = Function(attribute_name="f", values=["a"], function_value=1, rate=value)
     set_to = Function(attribute_name="f", values=["a"], function_value=value)
     with kbstore.open("sqlite://") as kb:

@@ -1,4 +1,4 @@
-"""The small timelines of notebooks, read as XML: what is drawn where, and that nothing in a name becomes markup."""
+"""The small timelines of notebooks, read as XML: the positions of shapes, and that no name becomes markup."""
 
 from itertools import pairwise
 from xml.etree import ElementTree
@@ -29,7 +29,7 @@ def picture(answer):
 
 
 def bars(drawn):
-    """The bars of a picture: their tip, from where to where, and how."""
+    """The bars of a picture: tooltip, begin, end, and style."""
     found = []
     for group in drawn.iter(f"{SVG}g"):
         line = group.find(f"{SVG}line")
@@ -43,7 +43,7 @@ def words(drawn):
 
 
 def test_a_history(kenny):
-    """Fifteen minutes, and a sixteenth beyond them: a bar is as long as it held, and looks like what it was."""
+    """Fifteen minutes, and a sixteenth beyond them: a bar is as long as its assertion held, with its style."""
     drawn = picture(kenny.history("(open lab_door)"))
     minute = (WIDTH - MARGIN) / 15 * 16 / 17
     found = bars(drawn)
@@ -59,7 +59,7 @@ def test_a_history(kenny):
 
 
 def test_numbers_are_lines(kenny):
-    """A number's lines meet at its corners; below its name is from where to where it went."""
+    """A number's lines meet at its corners; below its name is its range."""
     drawn = picture(kenny.history("(battery kenny)"))
     lines = [line for *_, line in bars(drawn)]
     for before, after in pairwise(lines):
@@ -72,7 +72,7 @@ def test_numbers_are_lines(kenny):
 
 
 def test_a_difference(kenny):
-    """What became true is after, what was withdrawn is before; a number slopes."""
+    """A fact that became true is after, one that was withdrawn is before; a number slopes."""
     drawn = picture(kenny.diff("2026-05-04T09:06:00Z", "2026-05-04T09:06:50Z"))
     became, withdrew, battery = drawn.iter(f"{SVG}line")
     assert words(drawn)[:4] == ["(robot_at kenny home)", "(undocked kenny)", "(battery kenny)", "15.5 to 3.5"]
@@ -82,7 +82,7 @@ def test_a_difference(kenny):
 
 
 def test_a_state(kenny):
-    """What runs up to its expected end, what is scheduled, and since when facts hold, up to a mark at the time."""
+    """Runs up to their expected ends, the schedule, and facts from their initial times, up to a mark at the time."""
     drawn = picture(kenny.state("2026-05-04T09:00:45Z"))
     found = {tip: (left, right, line.get("style")) for tip, left, right, line in bars(drawn)}
     now = found.pop("at 2026-05-04T09:00:45Z")[0]
@@ -94,8 +94,8 @@ def test_a_state(kenny):
     assert found["(open lab_door) since 2026-05-04T09:00:00Z"][0] < now
 
 
-def test_what_is_long_is_cut_and_what_is_much_is_counted():
-    """Labels fit their margin, with the whole in the tip; beyond some lanes the others are counted."""
+def test_long_labels_are_cut_and_further_lanes_counted():
+    """Labels fit their margin, with the whole text in the tooltip; beyond some lanes the others are counted."""
     with kbstore.open("sqlite://", "many", clock=ManualClock(seconds(9))) as kb:
         kb.add(*(f"(p {'x' * 200}{number})" for number in range(MOST_LANES + 7)))
         for answer in (kb.history("(p ?)"), kb.state(), kb.diff(0, "now")):
@@ -109,7 +109,7 @@ def test_what_is_long_is_cut_and_what_is_much_is_counted():
 
 
 def test_a_long_history_is_drawn_from_its_end():
-    """Of thousands of assertions the latest are drawn, and it is said of how many: a notebook stays small."""
+    """Of thousands of assertions the latest are drawn, with the total number: a notebook stays small."""
     with kbstore.open("sqlite://", "long", clock=(clock := ManualClock(seconds(9)))) as kb:
         for value in range(MOST_BARS + 20):
             kb.add(f"(= (f) {value})")
@@ -135,15 +135,15 @@ def test_hostile_names_are_text():
         assert any(NASTY in tip for tip in tips)
 
 
-def test_nothing_is_not_drawn(kenny):
+def test_an_empty_answer_is_not_drawn(kenny):
     """Where there is nothing, there is no picture, and the table says so."""
     with kbstore.open("sqlite://", "empty", clock=ManualClock(5)) as kb:
         assert "<svg" not in kb.history("(p ?)")._repr_html_()
     assert "<svg" not in kenny.diff("now", "now")._repr_html_()
 
 
-def test_one_moment_is_drawn():
-    """A history that has no length yet is drawn all the same."""
+def test_a_single_time_is_drawn():
+    """A history without a length yet is drawn all the same."""
     with kbstore.open("sqlite://", "short", clock=ManualClock(5)) as kb:
         kb.add("(p a)", "(= (f) 0)")
         assert len(bars(picture(kb.history()))) == 2

@@ -1,4 +1,4 @@
-"""Results as people, notebooks and web frameworks take them: short reprs, tables, plain data, response models."""
+"""Results for people, notebooks and web frameworks: short reprs, tables, plain data, response models."""
 
 import json
 from typing import Any
@@ -21,7 +21,7 @@ DOMAIN = """(define (domain rooms) (:types robot room)
 
 @pytest.fixture
 def story():
-    """A kenny who is in the hall, and moves to the lab: two transactions, and a run."""
+    """Kenny is in the hall, and moves to the lab: two transactions, and a run."""
     clock = ManualClock(NOON)
     with kbstore.open("sqlite://", "kenny", clock=clock) as kb:
         kb.load(DOMAIN)
@@ -40,7 +40,7 @@ def story():
 
 
 def test_an_item_shows_its_pddl(story):
-    """Knowledge and conditions are shown as PDDL, with the time from which on they count."""
+    """Knowledge and conditions are shown as PDDL, with their initial times."""
     state = story.state()
     assert repr(kbstore.Fact(attribute_name="robot_at", values=["kenny", "hall"])) == "Fact('(robot_at kenny hall)')"
     assert repr(state.facts) == (
@@ -54,7 +54,7 @@ def test_an_item_shows_its_pddl(story):
     assert repr(kbstore.KeyValue("r", "kenny")) == "KeyValue('r', 'kenny')"
 
 
-def test_a_domain_shows_what_it_declares(story):
+def test_a_domain_shows_its_counts(story):
     """Counts, and not a page of signatures."""
     assert repr(story.domain) == "Domain('rooms': 2 types, 2 predicates, 1 function, 1 action)"
     assert repr(story.domain.predicate("lit")) == "DomainFormula('lit', {'w': 'room'})"
@@ -62,7 +62,7 @@ def test_a_domain_shows_what_it_declares(story):
 
 
 def test_a_state_shows_its_time_and_counts(story):
-    """Whose, when, as of when, and how much of what."""
+    """The knowledge base, the time, `as_of`, and the number of items of each kind."""
     assert repr(story.state()) == (
         "State('kenny' at 2026-05-04T12:00:01Z: 3 objects, 2 facts, 1 function, 1 goal, 1 running action)"
     )
@@ -91,7 +91,7 @@ def test_history_shows_an_assertion_a_line(story):
 
 
 def test_transactions_changes_and_runs_are_short(story):
-    """Number and time; what it was; how much it did."""
+    """Number, time, and the number of changes."""
     changes = list(story.changes(after=2))
     assert repr(changes[0].transaction) == ("Transaction(3 at 2026-05-04T12:00:01Z by 'mapper': 3 changes, 'seen')")
     assert repr(changes[0]) == "Change(3 at 2026-05-04T12:00:01Z: 3 asserted, 1 ended)"
@@ -106,7 +106,7 @@ def test_transactions_changes_and_runs_are_short(story):
 
 
 def test_notebooks_get_tables(story):
-    """State, Diff and history have a table in HTML, in which what is quoted cannot be markup."""
+    """State, Diff and history have a table in HTML, in which no quoted text can be markup."""
     shown = story.state()._repr_html_()
     assert "<td>(lit lab)</td><td>2026-05-04T12:00:01Z</td>" in shown
     assert "(move kenny lab)" in shown
@@ -151,14 +151,14 @@ def results(kb):
 
 
 def test_every_result_is_plain_data(story):
-    """`to_dict` of everything goes through JSON and comes back the same; nothing in it is an object."""
+    """`to_dict` of each result goes through JSON and comes back the same; no objects are in it."""
     for found in results(story):
         data = found.to_dict()
         assert json.loads(json.dumps(data)) == data
 
 
 def test_times_come_as_text_and_as_nanoseconds(story):
-    """Exact in both."""
+    """Both are exact."""
     data = story.state().to_dict()
     assert (data["at"], data["at_ns"], data["as_of"]) == ("2026-05-04T12:00:01Z", NOON + seconds(1), None)
     assert data["facts"][0]["pddl"] == "(lit lab)"
@@ -194,7 +194,7 @@ def test_times_come_as_text_and_as_nanoseconds(story):
 
 
 def test_results_are_response_models(story):
-    """Pydantic reads each dataclass back from its JSON: they can be declared as what a service answers."""
+    """Pydantic reads each dataclass back from its JSON: they can be declared as responses of a service."""
     for found in results(story)[1:]:
         adapter = TypeAdapter(type(found))
         assert adapter.validate_json(adapter.dump_json(found)) == found
@@ -203,7 +203,7 @@ def test_results_are_response_models(story):
 
 @pytest.fixture
 def service(story):
-    """A service over the knowledge base, as its documentation would have it."""
+    """A service over the knowledge base, as in its documentation."""
     app = FastAPI()
 
     @app.post("/items", response_model=kbstore.Transaction)
@@ -241,7 +241,7 @@ def test_a_service_takes_items_and_answers_with_results(story, service):
 
 
 def test_a_service_names_the_one_field_that_is_wrong(service):
-    """FastAPI answers 422, with the place in the body; OpenAPI knows which schema counts."""
+    """FastAPI answers 422, with the position in the body; OpenAPI has the discriminator."""
     answer = service.post("/items", json=[{"knowledge_type": 1, "attribute_name": "lit", "values": [{"key": 3}]}])
     assert answer.status_code == 422
     assert [error["loc"] for error in answer.json()["detail"]] == [["body", 0, 1, "values", 0, "key"]]

@@ -1,4 +1,4 @@
-"""PDDL texts in which a mark says where a refusal is expected."""
+"""PDDL texts with a mark at the position of an expected refusal."""
 
 from typing import NamedTuple
 
@@ -6,7 +6,7 @@ MARK = "«"
 
 
 class Marked(NamedTuple):
-    """A text without its mark, and the line and the column, from 1, where it stood."""
+    """A text without its mark, and the line and column of the mark, from 1."""
 
     text: str
     line: int

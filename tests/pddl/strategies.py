@@ -1,4 +1,4 @@
-"""Random formulas and items in the normal form that the reader gives."""
+"""Random formulas and items in the normal form of the reader."""
 
 from hypothesis import strategies as st
 
@@ -52,7 +52,7 @@ def comparisons(draw):
 
 @st.composite
 def parameters(draw):
-    """Typed variables of different names."""
+    """Typed variables with different names."""
     chosen = draw(st.lists(names, max_size=3, unique_by=str.lower))
     types = st.lists(names, min_size=1, max_size=3, unique_by=str.lower).map(tuple)
     return tuple(Parameter(name, draw(types)) for name in chosen)

@@ -63,7 +63,7 @@ class TestConnectives:
         ],
     )
     def test_reading(self, text, condition):
-        """Every connective; nested ones of the same kind and double negations are dissolved."""
+        """Every connective; nested ones of the same kind and double negations are flattened."""
         assert parse_condition(text) == condition
 
     @pytest.mark.parametrize(
@@ -86,7 +86,7 @@ class TestConnectives:
             assert parse_condition(text) == condition
 
     def test_bound_variables_may_be_compared(self):
-        """What a quantifier binds may stand in comparisons."""
+        """Variables of a quantifier may be compared."""
         condition = parse_condition("(exists (?x ?y) (and (= ?x ?y) (> (f ?x) (f ?y))))")
         assert condition.part.parts[0] == Same("?x", "?y")
 
@@ -97,11 +97,11 @@ class TestConnectives:
         )
 
     def test_keyword_as_predicate(self):
-        """A declared predicate may be called like a keyword."""
+        """A declared predicate may have the name of a keyword."""
         assert parse_condition("(preference kenny)", DOMAIN) == Atom("preference", ("kenny",))
 
     def test_objects(self):
-        """wp7 - waypoint asks for an object, also within a condition."""
+        """wp7 - waypoint asks for an object, also inside a condition."""
         assert parse_condition("wp7 - waypoint") == IsA("wp7", "waypoint")
         assert parse_condition("wp7") == IsA("wp7")
         assert parse_condition("(and (wp7 - waypoint) (not (wp8 - waypoint)))") == And(
@@ -156,20 +156,20 @@ class TestRefusals:
         ],
     )
     def test_refused(self, text, kind, says):
-        """Each with the kind of error that it is, and with what was expected."""
+        """Each is refused with its kind of error, and with what was expected."""
         with pytest.raises(kind, match=says):
             parse_condition(text, DOMAIN)
 
     @pytest.mark.parametrize("opening", ["(and (or ", "(forall (?x) ", "(imply (p) ", "(not (and ", "(preference n "])
     def test_too_deep(self, opening):
-        """Conditions that stay nested too deep are refused, so that nothing recurses too deep."""
+        """Conditions that stay nested too deep are refused, to limit recursion."""
         depth = 20_000
         with pytest.raises(PddlSyntaxError, match="nested deeper than"):
             parse_condition(opening * depth + "(p)" + ")" * (depth * opening.count("(") - depth * opening.count(") ")))
 
     @pytest.mark.parametrize("opening", ["(and ", "(or ", "(not "])
     def test_deep(self, opening):
-        """What can be dissolved may be nested as deep as it likes."""
+        """Conditions that can be flattened may be nested to any depth."""
         depth = 100_000
         condition = parse_condition(opening * depth + "(p)" + ")" * depth)
         assert condition in (P, And((P,)), Or((P,)))
@@ -206,19 +206,19 @@ class TestExpressions:
 
     @pytest.mark.parametrize("text", ["", "1 2", "()", "(", "1 (f)"])
     def test_refused(self, text):
-        """One expression is expected."""
+        """Exactly one expression is expected."""
         with pytest.raises(PddlSyntaxError):
             parse_expression(text)
 
 
 class TestItemsAsQuestions:
     def test_facts(self):
-        """A fact is asked; a negative one as the negation of the fact (rule V7)."""
+        """A fact asks for itself; a negative one for its negation (rule V7)."""
         assert condition_of(parse_item("(robot_at kenny ?)")) == Atom("robot_at", ("kenny", "?"))
         assert condition_of(Fact(attribute_name="p", values=[""], is_negative=True)) == Not(Atom("p", ("?",)))
 
     def test_functions(self):
-        """A function asks whether it is defined, or equal to the value; how it was assigned does not matter."""
+        """A function asks whether it is defined, or equal to the value; its assign_op does not matter."""
         assert condition_of(Function(attribute_name="cost")) == Defined(Atom("cost"))
         assert condition_of(
             Function(attribute_name="cost", function_value=3, assign_op=AssignOp.INCREASE, is_negative=True)
@@ -250,7 +250,7 @@ class TestItemsAsQuestions:
             Inequality(ineq={"LHS": {"tokens": []}, "RHS": {"tokens": []}}),
         ],
     )
-    def test_what_does_not_fit(self, item):
+    def test_invalid_items(self, item):
         """Wrong labels, a wrong number of arguments, a metric and an empty expression are refused."""
         with pytest.raises(InvalidKnowledge):
             condition_of(item, DOMAIN)
@@ -278,7 +278,7 @@ class TestItemsAsQuestions:
 
 class TestGoals:
     def test_parts(self):
-        """A conjunction is split; what is no item is kept as text (rule C10)."""
+        """A conjunction is split; a part that is not an item is kept as text (rule C10)."""
         condition = parse_condition(
             "(and (robot_at kenny wp0) (not (p)) (and (> (cost) 3) (not (< (cost) 9))) (or (p) (p)) (exists (?x) (p)))"
         )
@@ -297,13 +297,13 @@ class TestGoals:
         assert goals[5].text == "(exists (?x - object) (p))"
 
     @pytest.mark.parametrize("text", ["()", "(and)", "(and (and) ())"])
-    def test_no_goal(self, text):
-        """What is always true is no goal."""
+    def test_a_truism_is_not_a_goal(self, text):
+        """A condition that is always true is not a goal."""
         assert goals_of(parse_condition(text)) == []
 
     @pytest.mark.parametrize("text", ["kenny - robot", "(not (kenny - robot))", "(or (p) (battery kenny))"])
-    def test_no_fact(self, text):
-        """That an object exists or a function is defined can be asked, but not be a goal."""
+    def test_existence_is_not_a_goal(self, text):
+        """Existence of an object and definedness of a function can be asked, but not be goals."""
         with pytest.raises(InvalidKnowledge, match="is not a goal"):
             goals_of(parse_condition(text, DOMAIN), DOMAIN)
 
@@ -329,11 +329,11 @@ class TestText:
         assert condition_text(condition) == text
 
     def test_existence(self):
-        """Existence alone is written as being an object."""
+        """Existence without a type is written as being an object."""
         assert condition_text(Not(IsA("a"))) == "(not (a - object))"
 
     def test_deep(self):
-        """A condition that a program built is written whatever its depth."""
+        """A condition built by a program is written at any depth."""
         condition = P
         for _ in range(20_000):
             condition = Not(condition)
@@ -356,7 +356,7 @@ class TestText:
         ],
     )
     def test_refusals_are_short(self, text):
-        """A refusal quotes only the beginning of what is long."""
+        """A refusal quotes only the beginning of a long text."""
         with pytest.raises(KbStoreError) as caught:
             parse_condition(text, DOMAIN)
         assert len(str(caught.value)) < 1500

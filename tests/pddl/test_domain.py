@@ -1,4 +1,4 @@
-"""Domains: every feature of PDDL 2.1 to 3.0 in a small file of its own, and the spellings of real files."""
+"""Domains: every feature of PDDL 2.1 to 3.0 in a small file, and the spellings of real files."""
 
 import pytest
 
@@ -32,7 +32,7 @@ P, Q = Atom("p"), Atom("q")
 
 @pytest.fixture
 def read(tmp_path):
-    """Reads a domain of the given sections from a file."""
+    """Read a domain of the given sections from a file."""
 
     def read_sections(sections, name="d"):
         path = tmp_path / "domain.pddl"
@@ -44,7 +44,7 @@ def read(tmp_path):
 
 @pytest.fixture
 def action(read):
-    """Reads one action, given what follows its name, in a domain with some symbols."""
+    """Read one action, given the text after its name, in a domain with some symbols."""
 
     def read_action(body, kind="action"):
         domain = read(
@@ -63,7 +63,7 @@ class TestDeclarations:
         assert (domain.name, domain.types, domain.actions) == ("d", {}, {})
 
     def test_types(self, read):
-        """Types with parents, also declared before them, and without any."""
+        """Types with parents, also declared after their use, and without any."""
         domain = read("(:types kitchen - room room - place place robot - object item)")
         assert domain.types == {
             "kitchen": "room",
@@ -83,13 +83,13 @@ class TestDeclarations:
         assert not domain.is_subtype("a", ["b"])
 
     def test_long_chain_of_types(self, read):
-        """A chain of many types is read in time that grows with its length."""
+        """A chain of many types is read in time linear in its length."""
         count = 20_000
         types = read(f"(:types {' '.join(f't{index} - t{index + 1}' for index in range(count))})").types
         assert len(types) == count + 1
 
     def test_parent_that_is_not_declared(self, read):
-        """A parent that is not declared itself is a type below object, as in IPC's settlers."""
+        """An undeclared parent is a type below object, as in IPC's settlers."""
         assert read("(:types truck - vehicle)").types == {"truck": "vehicle", "vehicle": "object"}
 
     def test_object_is_declared(self, read):
@@ -98,8 +98,8 @@ class TestDeclarations:
         assert read("(:types object - object)").types == {}
 
     @pytest.mark.parametrize("types", ["area - object area - place", "area - place area - object", "area - place area"])
-    def test_type_that_is_made_more_precise(self, read, types):
-        """Some files (IPC's storage) say first that a type is an object, and then of which kind."""
+    def test_type_declared_again_with_a_parent(self, read, types):
+        """Some files (IPC's storage) declare a type as an object first, and then with its parent."""
         assert read(f"(:types {types} place)").types == {"place": "object", "area": "place"}
 
     @pytest.mark.parametrize("types", ["a b - c d", "a b -c d", "a b- c d", "a b\n-c\nd"])
@@ -163,7 +163,7 @@ class TestDeclarations:
         assert domain.action("a").conditions == ((START, Atom("p", ("?x",))),)
 
     def test_same_section_twice(self, read):
-        """The same section with the same words again, as in some IPC files, says nothing else."""
+        """The same section with the same words again, as in some IPC files, has no effect."""
         assert len(read("(:predicates (p)) (:predicates\n (p))").predicates) == 1
 
     def test_spellings(self, read):
@@ -173,7 +173,7 @@ class TestDeclarations:
         assert read_domain('(in-package "PDDL")(DEFINE (DOMAIN d))').name == "d"
 
     def test_keywords_as_names(self, read):
-        """Words that mean something elsewhere may name symbols, and names may begin with a digit."""
+        """Keywords may name symbols, and names may begin with a digit."""
         domain = read(
             """(:types domain start number at) (:constants define either-or 2nd - at)
             (:predicates (at ?at - at) (over) (start) (when) (object ?x) (total-time) (3d))
@@ -185,7 +185,7 @@ class TestDeclarations:
         assert domain.action("define").effects_at(START)[1] == Add(Atom("when"))
 
     def test_predicate_like_a_connective(self, read):
-        """A predicate may even be called like a connective, where its arguments tell it apart."""
+        """A predicate may even have the name of a connective, where its arguments distinguish it."""
         domain = read(
             """(:predicates (forall ?x) (preference ?x) (p)) (:action a :parameters (?x)
             :precondition (and (forall ?x) (preference n (p)) (preference ?x)) :effect (forall ?x))"""
@@ -202,8 +202,8 @@ class TestDeclarations:
 
 
 class TestActions:
-    def test_nothing(self, action):
-        """An action may lack everything; empty groups say nothing."""
+    def test_empty_action(self, action):
+        """An action may lack everything; empty groups have no effect."""
         for body in ("", ":parameters () :precondition () :effect ()", ":precondition (and) :effect (and (and) ())"):
             found = action(body)
             assert (found.parameters, found.conditions, found.effects, found.durative) == ((), (), (), False)
@@ -308,7 +308,7 @@ class TestDurativeActions:
         ],
     )
     def test_duration(self, action, text, constraints):
-        """Fixed durations, inequalities, expressions, and their moments."""
+        """Fixed durations, inequalities, expressions, and their times."""
         found = action(f":parameters (?x - place) :duration {text}", "durative-action")
         assert found.durative
         assert found.duration == constraints
@@ -343,7 +343,7 @@ class TestDurativeActions:
         ],
     )
     def test_conditions(self, action, text, conditions):
-        """Conditions of every moment, nested in every way."""
+        """Conditions at every time, nested in every way."""
         found = action(f":parameters (?r - robot) :duration (= ?duration 1) :condition {text}", "durative-action")
         if conditions is None:
             ((timing, condition),) = found.conditions
@@ -421,7 +421,7 @@ class TestDurativeActions:
 
 class TestRules:
     def test_derived(self, read):
-        """Derived predicates; head parameters take the declared types where they have none of their own."""
+        """Derived predicates; head parameters take the declared types where they have none."""
         domain = read(
             """(:types t) (:predicates (edge ?a ?b - t) (reach ?a ?b - t) (lost ?a - t))
             (:derived (reach ?x ?y) (or (edge ?x ?y) (exists (?z - t) (and (reach ?x ?z) (edge ?z ?y)))))
@@ -441,7 +441,7 @@ class TestRules:
 
 class TestVariablesAndTypes:
     def test_supertype_in_a_condition(self, read):
-        """In a condition a variable may be of a type above: some of its values may fit."""
+        """In a condition a variable may be of a supertype: some of its values may fit."""
         domain = read(
             """(:types room - place place) (:predicates (clean ?r - room))
             (:action a :parameters (?p - place) :precondition (clean ?p))"""
@@ -449,7 +449,7 @@ class TestVariablesAndTypes:
         assert domain.action("a").conditions_at(START) == (Atom("clean", ("?p",)),)
 
     def test_subtype_and_either(self, read):
-        """A variable of a type below, and one of which every type fits, may stand in effects."""
+        """A variable of a subtype, and one whose types all fit, may be in effects."""
         domain = read(
             """(:types room - place place robot) (:predicates (seen ?x - (either place robot)))
             (:action a :parameters (?r - room ?e - (either robot room)) :effect (and (seen ?r) (seen ?e)))"""

@@ -1,4 +1,4 @@
-"""Domains that are refused: each in a file of its own, with file, line and column, and the line quoted."""
+"""Domains that are refused, each with file, line and column, and the line quoted."""
 
 import pytest
 
@@ -194,14 +194,14 @@ def problem_of(error):
 
 
 def test_missing_file():
-    """A domain that is not there is a refusal that names it."""
+    """A missing domain is a refusal that names it."""
     with pytest.raises(PddlSyntaxError, match=r"nowhere\.pddl"):
         read_domain("nowhere.pddl")
 
 
 @pytest.mark.parametrize("opening", ["(", "(and ", "(forall (?x) ", "(not ", "(when (p) ", "(or "])
 def test_deep(opening):
-    """A domain nested very deep is a refusal (or, where the levels say nothing, a domain)."""
+    """A very deeply nested domain is refused (or, where the levels have no meaning, read)."""
     depth = 20_000
     nested = opening * depth + "(p)" + ")" * depth
     text = f"(define (domain d) (:predicates (p)) (:action a :effect {nested}))"

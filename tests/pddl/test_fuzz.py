@@ -50,7 +50,7 @@ WORDS = st.sampled_from(
 
 
 def outcome(read, *arguments):
-    """What is read; None if it is refused with a sentence."""
+    """The result of reading; None if it is refused with a sentence."""
     try:
         return read(*arguments)
     except KbStoreError as error:
@@ -113,7 +113,7 @@ TEXTS = (
 @given(TEXTS, st.booleans())
 @example("\x08", False)
 def test_items(text, has_domain):
-    """A mutated item is read or refused; what is read can be written and asked."""
+    """A mutated item is read or refused; an item that is read can be written and asked."""
     domain = DOMAIN if has_domain else None
     item = outcome(parse_item, text, domain)
     if item is not None:
@@ -124,7 +124,7 @@ def test_items(text, has_domain):
 @settings(max_examples=250, deadline=None)
 @given(TEXTS, st.booleans())
 def test_conditions(text, has_domain):
-    """A mutated condition is read or refused; what is read can be written."""
+    """A mutated condition is read or refused; a condition that is read can be written."""
     domain = DOMAIN if has_domain else None
     condition = outcome(parse_condition, text, domain)
     if condition is not None:
@@ -136,7 +136,7 @@ def test_conditions(text, has_domain):
 @settings(max_examples=250, deadline=None)
 @given(TEXTS, st.booleans())
 def test_expressions(text, has_domain):
-    """A mutated expression is read or refused; what is read can be written."""
+    """A mutated expression is read or refused; an expression that is read can be written."""
     domain = DOMAIN if has_domain else None
     expression = outcome(parse_expression, text, domain)
     if expression is not None:

@@ -33,7 +33,7 @@ class TestObjects:
         assert parse_item(text) == Instance(instance_name="wp7", instance_type="waypoint")
 
     def test_negative(self):
-        """(not (wp7 - waypoint)) says that the object exists no more."""
+        """(not (wp7 - waypoint)) is the end of the object."""
         assert parse_item("(not (wp7 - waypoint))") == Instance(
             instance_name="wp7", instance_type="waypoint", is_negative=True
         )
@@ -46,7 +46,7 @@ class TestObjects:
         "text", ["docked", "battery", "cost", "robot_at kenny wp0", "- waypoint", "a - -", "a b c"]
     )
     def test_without_brackets(self, text):
-        """A fact without its brackets is refused, with how to write it."""
+        """A fact without its brackets is refused, with the right spelling."""
         with pytest.raises(PddlSyntaxError):
             parse_item(text, DOMAIN)
 
@@ -65,7 +65,7 @@ class TestFacts:
         assert item.values == (KeyValue("r", "kenny"), KeyValue("wp", "wp0"))
 
     def test_wrong_arity_is_left_to_the_check(self):
-        """What does not fit the domain is read, so that all violations can be reported together (rule D1)."""
+        """An item that does not fit the domain is read, so that all violations are reported together (rule D1)."""
         assert parse_item("(robot_at kenny)", DOMAIN).labels == ("",)
         assert parse_item("(nonsense kenny)", DOMAIN) == Fact(attribute_name="nonsense", values=["kenny"])
 
@@ -75,7 +75,7 @@ class TestFacts:
 
     @pytest.mark.parametrize("word", ["at", "over", "start", "minimise", "when", "total-time", "is-violated"])
     def test_keywords_as_names(self, word):
-        """Words that mean something elsewhere are names of predicates here."""
+        """Keywords are names of predicates here."""
         assert parse_item(f"({word} a b)") == Fact(attribute_name=word, values=["a", "b"])
 
     def test_minus_and_digits(self):
@@ -115,7 +115,7 @@ class TestFunctions:
         )
 
     def test_asking(self):
-        """Where the domain says that it is a function, its term asks whether it is defined (rule V7)."""
+        """Where the domain declares it as a function, its term asks whether it is defined (rule V7)."""
         assert parse_item("(battery kenny)", DOMAIN) == Function(
             attribute_name="battery", values=[KeyValue("r", "kenny")], function_value=None
         )
@@ -146,7 +146,7 @@ class TestFunctions:
         ],
     )
     def test_refused(self, text):
-        """A change by something else than a number or a constant rate is no item."""
+        """A change by anything but a number or a constant rate is not an item."""
         try:
             item = parse_item(text)
         except KbStoreError:
@@ -213,19 +213,19 @@ class TestRefusals:
         "text", ["", "()", "(p", "p)", "((p))", "(p (q))", "(p) (q)", "(not)", "(not p)", "(> (f))"]
     )
     def test_syntax(self, text):
-        """What is no PDDL is refused with its place."""
+        """Text that is not PDDL is refused with its position."""
         with pytest.raises(PddlSyntaxError) as caught:
             parse_item(text)
         assert caught.value.line == 1
 
     @pytest.mark.parametrize("text", ["(and (p) (q))", "(or (p))", "(forall (?x) (p ?x))", "(exists (?x) (p ?x))"])
     def test_conditions(self, text):
-        """A condition is not one item, and the refusal says what is."""
+        """A condition is not one item, and the refusal explains what an item is."""
         with pytest.raises(InvalidKnowledge, match="an item is"):
             parse_item(text)
 
     def test_timed(self):
-        """A timed literal is no item: its time is the item's initial_time, as the refusal says."""
+        """A timed literal is not an item: the refusal names initial_time."""
         with pytest.raises(InvalidKnowledge, match="initial_time"):
             parse_item("(at 5 (p a))")
 
@@ -238,6 +238,6 @@ class TestRefusals:
         assert len(str(caught.value)) < 2000
 
     def test_deep_negation(self):
-        """Double negations are dissolved, however many there are."""
+        """Any number of double negations is flattened."""
         depth = 100_000
         assert parse_item("(not " * depth + "(p)" + ")" * depth) == Fact(attribute_name="p")

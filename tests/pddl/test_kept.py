@@ -1,6 +1,6 @@
-"""P4: what is kept and written back, and not computed: PDDL+, object fluents, observations, and what is unknown.
+"""P4: parts that are kept and written back, but not computed: PDDL+, object fluents, observations, and unknowns.
 
-Each kind of file is written anew here.
+The files here are our own, one of each kind.
 """
 
 import pytest
@@ -52,7 +52,7 @@ FALLING_PROBLEM = """(define (problem p) (:domain falling) (:objects b - ball)
 
 
 def test_processes_and_events_are_kept_and_written_back(kb: KnowledgeBase):
-    """P4: the domain is read, with what they change, and written as it was."""
+    """P4: the domain is read, with their changes, and written as it was."""
     kb.load(FALLING, FALLING_PROBLEM)
     assert kb.domain_to_pddl() == FALLING
     assert [(event.kind, event.name, sorted(event.changes)) for event in kb.domain.events] == [
@@ -73,7 +73,7 @@ def test_processes_and_events_are_kept_and_written_back(kb: KnowledgeBase):
     ],
 )
 def test_a_question_about_a_time_after_now_is_refused(kb: KnowledgeBase, question: str, named: str):
-    """P4: what a process or an event changes is not known there; it is known now, and before."""
+    """P4: the changes of a process or an event are not known there; now and before, they are."""
     kb.load(FALLING, FALLING_PROBLEM)
     later = START + 1
     for ask in (
@@ -92,7 +92,7 @@ def test_a_question_about_a_time_after_now_is_refused(kb: KnowledgeBase, questio
 
 
 def test_a_value_at_a_time_after_now_is_refused(kb: KnowledgeBase, clock: ManualClock):
-    """P4: and comes back once the clock has reached it; then it is what a sensor has told."""
+    """P4: it is answered once the clock has reached that time, from what a sensor reported."""
     kb.load(FALLING, FALLING_PROBLEM)
     assert kb.value("(height b)") == 5
     for _ in range(2):
@@ -111,7 +111,7 @@ def test_a_value_at_a_time_after_now_is_refused(kb: KnowledgeBase, clock: Manual
 
 
 def test_operators_of_a_domain_with_processes_are_applied(kb: KnowledgeBase, clock: ManualClock):
-    """P4: actions are computed as ever; a question about later asks the conditions of an operator, too."""
+    """P4: actions are computed as usual; a question about later checks the conditions of an operator, too."""
     kb.load(FALLING, FALLING_PROBLEM)
     run = kb.start("carry", "b")
     assert kb.holds("(dry)", at=START + seconds(10))
@@ -121,8 +121,8 @@ def test_operators_of_a_domain_with_processes_are_applied(kb: KnowledgeBase, clo
     assert not kb.holds("(held b)")
 
 
-def test_an_independent_reader_reads_what_is_written(kb: KnowledgeBase):
-    """P4: Kairos, where it is installed, reads the domain and the problem as they are written back."""
+def test_an_independent_reader_reads_the_written_files(kb: KnowledgeBase):
+    """P4: Kairos, if it is installed, reads the domain and the problem as they are written back."""
     kairos = pytest.importorskip("kairos")
     kb.load(FALLING, FALLING_PROBLEM)
     try:
@@ -156,7 +156,7 @@ VISITS_PROBLEM = """(define (problem p) (:domain visits) (:objects kenny - robot
 
 
 def test_object_fluents_are_kept_and_written_back(kb: KnowledgeBase):
-    """P4: domain, initial values and goals come back; a problem that is read again is the same."""
+    """P4: domain, initial values and goals are written; a problem that is read again is the same."""
     kb.load(VISITS, VISITS_PROBLEM)
     assert kb.domain_to_pddl() == VISITS
     fluents = kb.domain.object_fluents
@@ -192,7 +192,7 @@ def test_object_fluents_are_kept_and_written_back(kb: KnowledgeBase):
     ],
 )
 def test_a_question_that_reads_an_object_fluent_is_refused(kb: KnowledgeBase, question: str):
-    """P4: it is not computed, and the refusal names it; so does one that reads what is derived from it."""
+    """P4: it is not computed, and the refusal names it; the same holds for predicates derived from it."""
     kb.load(VISITS, VISITS_PROBLEM)
     for ask in (kb.holds, kb.truth, kb.explain, kb.query, kb.state().holds, lambda q: kb.when(q, START, START + 5)):
         with pytest.raises(InvalidKnowledge, match=r"(location|home).* is an object fluent"):
@@ -202,7 +202,7 @@ def test_a_question_that_reads_an_object_fluent_is_refused(kb: KnowledgeBase, qu
     assert kb.value("(distance den hall)") == 3
 
 
-def test_object_fluents_have_no_value_and_are_not_told(kb: KnowledgeBase):
+def test_object_fluents_have_no_value_and_cannot_be_added(kb: KnowledgeBase):
     """P4: neither as a number, nor as an item, nor in a pattern."""
     kb.load(VISITS, VISITS_PROBLEM)
     for attempt in (
@@ -219,7 +219,7 @@ def test_object_fluents_have_no_value_and_are_not_told(kb: KnowledgeBase):
 
 
 def test_an_operator_with_object_fluents_is_not_applied(kb: KnowledgeBase):
-    """P4: neither what it needs nor what it does is computed; another operator of the domain is applied."""
+    """P4: its conditions and effects are not computed; another operator of the domain is applied."""
     kb.load(VISITS, VISITS_PROBLEM)
     for attempt in (
         lambda: kb.applicable("move", "kenny", "hall"),
@@ -233,7 +233,7 @@ def test_an_operator_with_object_fluents_is_not_applied(kb: KnowledgeBase):
 
 
 def test_goals_with_object_fluents_are_added_and_removed(kb: KnowledgeBase):
-    """P4, C10, C9: they are kept as conditions, and end with the objects that they name."""
+    """P4, C10, C9: they are kept as conditions, and end with the objects that they mention."""
     kb.load(VISITS, VISITS_PROBLEM)
     kb.remove_goal(*kb.goals())
     assert kb.goals() == []
@@ -249,7 +249,7 @@ def test_goals_with_object_fluents_are_added_and_removed(kb: KnowledgeBase):
 
 
 def test_a_value_of_an_object_fluent_at_a_later_time(kb: KnowledgeBase, clock: ManualClock):
-    """P3, P4: it is scheduled, written at its time from then, replaces the value when it comes, and goes with it."""
+    """P3, P4: it is scheduled, written at its relative time, replaces the value then, and is removed with it."""
     timed = "(:init (at 5 (= (location kenny) hall)) (at 8.5 (assign (home kenny) den)) (= (location kenny) den)"
     kb.load(VISITS, VISITS_PROBLEM.replace("(:init (= (location kenny) den)", timed))
     assert "    (at 5 (= (location kenny) hall))\n    (at 8.5 (= (home kenny) den))\n" in kb.to_pddl()
@@ -267,7 +267,7 @@ def test_a_value_of_an_object_fluent_at_a_later_time(kb: KnowledgeBase, clock: M
 
 
 def test_a_value_of_an_object_fluent_ends_with_its_objects_and_is_replaced(kb: KnowledgeBase):
-    """P4, C9: a problem that is written names no object that it does not declare; a later problem counts."""
+    """P4, C9: a written problem mentions only objects that it declares; a later problem replaces the value."""
     kb.load(VISITS, VISITS_PROBLEM)
     kb.load(
         None,
@@ -279,15 +279,15 @@ def test_a_value_of_an_object_fluent_ends_with_its_objects_and_is_replaced(kb: K
     assert kb.constraints(at=START) == []
 
 
-def test_without_a_goal_or_a_domain_that_knows_it_a_term_is_refused():
-    """P4: a group among arguments means something only where the domain declares the object fluent."""
+def test_an_undeclared_object_fluent_is_refused():
+    """P4: a group among arguments has a meaning only where the domain declares the object fluent."""
     domain = read_domain("(define (domain d) (:predicates (p ?x)) (:functions (f)))")
     with pytest.raises(kbstore.PddlSyntaxError, match=r"names of objects or variables"):
         read_problem("(define (problem q) (:domain d) (:init (p (f))) (:goal (and)))", domain)
 
 
-def test_unified_planning_is_refused_what_is_not_computed(kb: KnowledgeBase):
-    """P1, P4: nothing is left out in silence; every such part is named."""
+def test_export_to_unified_planning_refuses_parts_that_are_not_computed(kb: KnowledgeBase):
+    """P1, P4: nothing is left out silently; every such part is named."""
     pytest.importorskip("unified_planning")
     kb.load(VISITS, VISITS_PROBLEM)
     with pytest.raises(InvalidKnowledge) as refused:
@@ -323,8 +323,8 @@ KEPT = [
 ]
 
 
-def test_what_is_unknown_is_kept_and_written_back(open_kb: KnowledgeBase):
-    """P4: with use_unknowns its atoms are unknown; domain and problem come back."""
+def test_unknowns_are_kept_and_written_back(open_kb: KnowledgeBase):
+    """P4: with use_unknowns its atoms are unknown; domain and problem are written back."""
     open_kb.load(WUMPUS, WUMPUS_PROBLEM)
     assert open_kb.domain_to_pddl() == WUMPUS
     assert open_kb.constraints() == KEPT
@@ -337,8 +337,8 @@ def test_what_is_unknown_is_kept_and_written_back(open_kb: KnowledgeBase):
     assert open_kb.domain.actions["move"].observe is None
 
 
-def test_what_is_unknown_is_refused_in_a_closed_world(kb: KnowledgeBase):
-    """P4: there what is not asserted is false; all of it is named with its place, and nothing is stored."""
+def test_unknowns_are_refused_in_a_closed_world(kb: KnowledgeBase):
+    """P4: in a closed world absent is false; each is named with its position, and nothing is stored."""
     with pytest.raises(InvalidKnowledge, match=r"use_unknowns=True") as refused:
         kb.load(WUMPUS, WUMPUS_PROBLEM)
     assert [violation.partition(" says")[0] for violation in refused.value.violations] == [
@@ -349,25 +349,25 @@ def test_what_is_unknown_is_refused_in_a_closed_world(kb: KnowledgeBase):
 
 
 @pytest.mark.parametrize(
-    ("told", "left"), [("(gold p2)", [1, 2, 3]), ("(not (stench p1))", [0, 3]), ("(pit p3)", [0, 1, 2])]
+    ("atom", "left"), [("(gold p2)", [1, 2, 3]), ("(not (stench p1))", [0, 3]), ("(pit p3)", [0, 1, 2])]
 )
 def test_it_is_written_until_one_of_its_atoms_is_asserted(
-    open_kb: KnowledgeBase, clock: ManualClock, told: str, left: list[int]
+    open_kb: KnowledgeBase, clock: ManualClock, atom: str, left: list[int]
 ):
-    """P4: as true or as false; it does not come back with what is forgotten, and stays in the past."""
+    """P4: as true or as false; it does not come back when the atom is removed, and stays in the past."""
     open_kb.load(WUMPUS, WUMPUS_PROBLEM)
     clock.advance(seconds(1))
-    open_kb.add(told)
+    open_kb.add(atom)
     remaining = [KEPT[index] for index in left]
     assert open_kb.constraints() == remaining
     assert read_problem(open_kb.to_pddl(), open_kb.domain).uncertain == remaining
     clock.advance(seconds(1))
-    open_kb.remove(told)
+    open_kb.remove(atom)
     assert open_kb.constraints() == remaining
     assert open_kb.constraints(at=START) == KEPT
 
 
-def test_what_is_told_already_is_not_unknown(open_kb: KnowledgeBase):
+def test_an_asserted_atom_is_not_unknown(open_kb: KnowledgeBase):
     """P4: also where the same problem asserts it, or it is scheduled by then."""
     open_kb.load(WUMPUS)
     open_kb.add("p1 - pos", "p2 - pos", "p3 - pos", "(gold p3)")
@@ -378,7 +378,7 @@ def test_what_is_told_already_is_not_unknown(open_kb: KnowledgeBase):
 
 
 def test_an_effect_asserts_an_atom_too(open_kb: KnowledgeBase):
-    """P4: whoever asserts it."""
+    """P4: an effect counts like any assertion."""
     open_kb.load(
         "(define (domain d) (:predicates (open) (shut)) (:action look :effect (open)))",
         "(define (problem p) (:domain d) (:init (oneof (open) (shut))))",
@@ -387,8 +387,8 @@ def test_an_effect_asserts_an_atom_too(open_kb: KnowledgeBase):
     assert open_kb.constraints() == []
 
 
-def test_what_is_unknown_ends_with_its_objects_and_with_everything(open_kb: KnowledgeBase):
-    """P4, C9, C12: a problem that is written names only objects that it declares."""
+def test_unknowns_end_with_their_objects_and_by_clear(open_kb: KnowledgeBase):
+    """P4, C9, C12: a written problem mentions only objects that it declares."""
     open_kb.load(WUMPUS, WUMPUS_PROBLEM)
     open_kb.remove("p3")
     assert open_kb.constraints() == [KEPT[1], KEPT[2]]
@@ -407,7 +407,7 @@ def test_an_initial_state_may_be_one_conjunction(open_kb: KnowledgeBase):
     assert sorted(map(str, open_kb.state().facts)) == ["(alive)", "(at p1)"]
 
 
-def test_symbols_of_what_is_unknown_are_checked():
+def test_symbols_of_unknowns_are_checked():
     """P4, D1: like any other condition."""
     domain = read_domain(WUMPUS)
     for text, problem in (
@@ -422,7 +422,7 @@ def test_symbols_of_what_is_unknown_are_checked():
             read_problem(f"(define (problem p) (:domain wumpus) (:objects p1 - pos) (:init {text}))", domain)
 
 
-def test_unified_planning_is_refused_observations(open_kb: KnowledgeBase):
+def test_export_to_unified_planning_refuses_observations(open_kb: KnowledgeBase):
     """P1, P4: an action that observes would do nothing there."""
     pytest.importorskip("unified_planning")
     open_kb.load(WUMPUS)

@@ -1,4 +1,4 @@
-"""Operators as messages: what is simple stands in their lists."""
+"""Operators as messages: simple parts are in their lists."""
 
 from kbstore.messages import AssignOp, ComparisonType, KeyValue
 from kbstore.pddl.domain_reader import read_domain
@@ -34,7 +34,7 @@ def test_parameters():
 
 
 def test_instantaneous():
-    """An instantaneous action has everything at start; what is not simple is left to the action."""
+    """An instantaneous action has everything at start; other parts are left to the action."""
     operator = DOMAIN.operator("visit")
     (condition,) = operator.at_start_simple_condition
     assert condition.typed_parameters == (KeyValue("R", "robot"), KeyValue("home", "place"))
@@ -51,7 +51,7 @@ def test_instantaneous():
 
 
 def test_durative():
-    """A durative action has lists for each moment; a continuous effect begins at the start."""
+    """A durative action has lists for each time; a continuous effect begins at the start."""
     operator = DOMAIN.operator("go")
     assert {
         "start": texts(operator.at_start_simple_condition),

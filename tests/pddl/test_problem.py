@@ -1,4 +1,4 @@
-"""Problems: every feature in a small text of its own, and the spellings of real files."""
+"""Problems: every feature in a small text, and the spellings of real files."""
 
 import pytest
 
@@ -29,7 +29,7 @@ def texts(items):
 
 class TestFrame:
     def test_names(self, tmp_path):
-        """A problem has a name, a domain's name whatever its case, requirements, and its file."""
+        """A problem has a name, a domain's name in any case, requirements, and its file."""
         path = tmp_path / "p.pddl"
         path.write_text("(define (problem p1) (:domain ROOMS) (:requirements :x :strips) (:goal ()))")
         problem = read_problem(path, DOMAIN)
@@ -48,11 +48,11 @@ class TestFrame:
         assert texts(problem.goals) == ["(open k)"]
 
     def test_length(self):
-        """The deprecated hint for the plan's length says nothing of the world."""
+        """The deprecated hint for the plan's length has no effect."""
         assert read("(:length (:serial 3) (:parallel 2))").init == []
 
     def test_same_metric_twice(self):
-        """The same section with the same words again, as in IPC's airport, says nothing else."""
+        """The same section with the same words again, as in IPC's airport, has no effect."""
         assert str(read("(:metric minimize (total-cost)) (:metric minimize (total-cost))").metric) == (
             "minimize (total-cost)"
         )
@@ -71,7 +71,7 @@ class TestObjects:
         ]
 
     def test_name_that_ends_with_a_dash(self):
-        """A name may end with '-' where a type follows that is not meant by it."""
+        """A name may end with '-' before another type mark."""
         problem = read("(:objects a- robot - room b-)")
         assert texts(problem.instances) == ["a- - room", "robot - room", "b- - object"]
 
@@ -86,7 +86,7 @@ class TestObjects:
         ]
 
     def test_keywords_as_names(self):
-        """Objects may be called like keywords, and begin with a digit."""
+        """Objects may have names of keywords, and begin with a digit."""
         problem = read("(:objects at init define object - robot 2nd - room) (:init (at at 2nd) (at define home))")
         assert texts(problem.init) == ["(at at 2nd)", "(at define home)"]
 
@@ -123,8 +123,8 @@ class TestInit:
         """A function without parameters may lack its brackets."""
         assert texts(read("(:init (= total-cost 0))").init) == ["(= (total-cost) 0)"]
 
-    def test_said_twice(self):
-        """What is said twice with the same value is no contradiction."""
+    def test_value_given_twice(self):
+        """A value given twice is not a contradiction."""
         assert len(read("(:init (dark) (dark) (= (total-cost) 1) (= (Total-Cost) 1.0))").init) == 4
 
     def test_mixed_case(self):
@@ -149,12 +149,12 @@ class TestTimed:
 
     @pytest.mark.parametrize("text", ["12.000000001", "4000000.999999999", "0.3", "1e2", "00012.50"])
     def test_exact(self, text):
-        """Times are exact to the nanosecond, whatever a double could hold."""
+        """Times are exact to the nanosecond, beyond the precision of a double."""
         problem = read(f"(:init (at {text} (dark)))")
         assert problem.timed[0][0] == seconds(text)
 
     def test_predicate_called_at(self):
-        """A predicate may be called `at`, in a timed literal, too."""
+        """A predicate may be named `at`, in a timed literal, too."""
         problem = read("(:objects kenny 5 - robot) (:init (at 5 home) (at 5 (at kenny home)) (at 6 (not (at 5 home))))")
         assert texts(problem.init) == ["(at 5 home)"]
         assert [(time // 10**9, str(item)) for time, item in problem.timed] == [
@@ -249,7 +249,7 @@ class TestPlaces:
 
 class TestWithoutDomain:
     def test_shape_only(self):
-        """Without a domain a problem is read by its shape (rule D2)."""
+        """Without a domain a problem is read by its form (rule D2)."""
         problem = read(
             """(:objects a - whatever) (:init (p a b) (at a b) (= (f a) 3) (= total-cost 0) (at 5 (p a b)) (p a b))
             (:goal (and (p a) (q (or)))) """.replace("(q (or))", "(q)"),
@@ -263,7 +263,7 @@ class TestWithoutDomain:
 
 class TestBig:
     def test_many_facts(self):
-        """Facts that take the short path are the same as those that are the first of their kind."""
+        """Facts on the fast path are the same as those that are the first of their kind."""
         names = [f"r{index}" for index in range(50)]
         facts = [f"(at {a} home)" for a in names] * 3
         problem = read(f"(:objects {' '.join(names)} - robot) (:init {' '.join(facts)})")

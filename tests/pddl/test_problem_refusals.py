@@ -1,4 +1,4 @@
-"""Problems that are refused: each in a file of its own, with file, line and column, and the line quoted."""
+"""Problems that are refused, each with file, line and column, and the line quoted."""
 
 import pytest
 
@@ -130,7 +130,7 @@ KNOWLEDGE = {
 
 @pytest.fixture
 def expected(request, tmp_path):
-    """A problem in a file: its path, and where the refusal is expected."""
+    """A problem in a file: its path, and the position of the expected refusal."""
     case = marked(request.param)
     path = tmp_path / "problem.pddl"
     path.write_text(case.text)
@@ -139,7 +139,7 @@ def expected(request, tmp_path):
 
 @pytest.mark.parametrize(("expected", "says"), SYNTAX.values(), ids=SYNTAX, indirect=["expected"])
 def test_syntax(expected, says):
-    """What is no PDDL is refused with file, line and column, and with the line quoted."""
+    """Text that is not PDDL is refused with file, line and column, and with the line quoted."""
     path, case = expected
     with pytest.raises(PddlSyntaxError, match=says) as caught:
         read_problem(path, DOMAIN)
@@ -149,7 +149,7 @@ def test_syntax(expected, says):
 
 @pytest.mark.parametrize(("expected", "says"), KNOWLEDGE.values(), ids=KNOWLEDGE, indirect=["expected"])
 def test_knowledge(expected, says):
-    """What does not fit is refused with file, line and column, the line quoted, and what was expected (rule D1)."""
+    """An item that does not fit is refused with file, line and column, the line quoted, and what was expected (D1)."""
     path, case = expected
     with pytest.raises(InvalidKnowledge) as caught:
         read_problem(path, DOMAIN)
@@ -161,7 +161,7 @@ def test_knowledge(expected, says):
 
 
 def test_all_at_once():
-    """All that does not fit is reported together, in the order of the file."""
+    """All violations are reported together, in the order of the file."""
     with pytest.raises(InvalidKnowledge) as caught:
         read_problem(init("(open hall) (open kenny)\n(closed)").replace("(:goal (and))", "(:goal (dark k))"), DOMAIN)
     places = [violation.split(":")[0] for violation in caught.value.violations]
@@ -176,7 +176,7 @@ def test_variables_without_a_domain():
 
 
 def test_many_violations():
-    """Many violations in one long line are found in time that grows with their number."""
+    """Many violations in one long line are found in time linear in their number."""
     facts = " ".join(f"(open x{index})" for index in range(400))
     objects = " ".join(f"y{index} - nothing" for index in range(400))
     text = f"(define (problem p) (:domain rooms) (:objects {objects}) (:init {facts}) (:goal ()))"
@@ -186,7 +186,7 @@ def test_many_violations():
 
 
 def test_too_many_violations():
-    """A file in which very much is wrong is not read to its end, and the refusal says so."""
+    """A file with very many violations is not read to its end, and the refusal says so."""
     text = f"(define (problem p) (:domain rooms) (:init {'(closed) ' * 5000}) (:goal ()))"
     with pytest.raises(InvalidKnowledge) as caught:
         read_problem(text, DOMAIN)
@@ -197,7 +197,7 @@ def test_too_many_violations():
 @pytest.mark.parametrize("opening", ["(", "(not ", "(at 5 ", "(= ", "(or "])
 @pytest.mark.parametrize("section", [":init", ":goal", ":metric", ":constraints", ":objects"])
 def test_deep(opening, section):
-    """A problem nested deep, in whatever section, ends in a result or a refusal."""
+    """A deeply nested problem, in any section, ends in a result or a refusal."""
     depth = 20_000
     text = f"(define (problem p) (:domain rooms) ({section} {opening * depth}(dark){')' * depth}) (:goal ()))"
     if (section, opening) == (":init", "(or "):

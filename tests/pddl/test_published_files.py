@@ -1,4 +1,4 @@
-"""Published domains and problems, where they lie beside the project."""
+"""Published domains and problems, if they are beside the project."""
 
 from pathlib import Path
 
@@ -18,7 +18,7 @@ pytestmark = pytest.mark.skipif(not FILES.is_dir(), reason="the published files 
     [("amazon", 7, 9, 1, 6), ("turtlebot", 6, 3, 6, 4), ("untyped", 1, 1, 1, 1)],
 )
 def test_read(name, objects, facts, goals, operators):
-    """Each published pair is read: so many objects, facts, goals and operators."""
+    """Each published pair is read, with the expected numbers of objects, facts, goals and operators."""
     domain = read_domain(FILES / name / "domain.pddl")
     problem = read_problem(FILES / name / "problem.pddl", domain)
     found = (len(problem.instances), len(problem.init), len(problem.goals), len(domain.operators))

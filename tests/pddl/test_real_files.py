@@ -1,4 +1,4 @@
-"""P4: what domains and problems out of robot repositories declare. Each kind of file is written anew here."""
+"""P4: declarations of domains and problems from robot repositories, in files of our own."""
 
 import pytest
 
@@ -37,7 +37,7 @@ CUPBOARD_PROBLEM = problem_of(
 
 
 def test_arguments_of_a_name_given_twice_are_positional(kb: KnowledgeBase):
-    """P4: (inside cup box) is not (inside box cup), whatever the parameters are called."""
+    """P4: (inside cup box) is not (inside box cup), with any names of parameters."""
     kb.load(CUPBOARD, CUPBOARD_PROBLEM)
     assert kb.holds("(inside cup box)")
     assert not kb.holds("(inside box cup)")
@@ -47,7 +47,7 @@ def test_arguments_of_a_name_given_twice_are_positional(kb: KnowledgeBase):
 
 
 def test_messages_with_a_label_given_twice_are_positional(kb: KnowledgeBase):
-    """P4, D1: what the store hands out can be given back; labels that don't tell which is which are refused."""
+    """P4, D1: messages from the store are accepted; labels that are ambiguous are refused."""
     kb.load(CUPBOARD, CUPBOARD_PROBLEM)
     (fact,) = kb.state().facts
     assert fact.labels == ("obj", "obj")
@@ -62,7 +62,7 @@ def test_messages_with_a_label_given_twice_are_positional(kb: KnowledgeBase):
 
 
 def test_a_name_given_twice_reaches_unified_planning(kb: KnowledgeBase):
-    """P4: a fluent of unified_planning needs different names; its arguments stay where they are."""
+    """P4: a fluent of unified_planning needs different names; its arguments stay in place."""
     pytest.importorskip("unified_planning")
     kb.load(CUPBOARD, CUPBOARD_PROBLEM)
     problem = kb.to_problem()
@@ -77,7 +77,7 @@ def test_a_name_given_twice_reaches_unified_planning(kb: KnowledgeBase):
 
 
 def test_a_type_with_several_parents_is_a_subtype_of_each():
-    """P4: whether they are told in one line or in several."""
+    """P4: whether they are declared in one line or in several."""
     domain = read_domain(
         """(define (domain d) (:types door - place door - openable box - openable box - openable place openable)
         (:predicates (at ?p - place) (open ?o - openable)))"""
@@ -98,13 +98,13 @@ def test_a_type_with_several_parents_is_a_subtype_of_each():
 
 
 def test_a_type_below_itself_is_a_top_type():
-    """P4: some files write `thing - thing` for what is below nothing."""
+    """P4: some files write `thing - thing` for a type without a parent."""
     domain = read_domain("(define (domain d) (:types thing - thing cup box - thing))")
     assert dict(domain.types) == {"thing": "object", "cup": "thing", "box": "thing"}
 
 
 def test_top_types_on_lines_of_their_own():
-    """P4: `shape` stands before `square`, whose type then is that of both."""
+    """P4: `shape` is on a line before `square`, whose type then is that of both."""
     domain = read_domain("(define (domain d)\n (:types\n   shape\n   square triangle - shape\n ))")
     assert dict(domain.types) == {"shape": "object", "square": "shape", "triangle": "shape"}
 
@@ -134,7 +134,7 @@ def test_an_equal_declaration_twice_is_one():
 
 
 def test_a_problem_without_a_goal(kb: KnowledgeBase):
-    """P4: a file that tells what a robot knows, and wants nothing."""
+    """P4: a file with the state of a robot, and no goal."""
     kb.load("(define (domain d) (:predicates (lit)))", problem_of("d", "(:init (lit))"))
     assert kb.holds("(lit)")
     assert kb.goals() == []
@@ -148,14 +148,14 @@ BATTERY = "(define (domain b) (:types robot) (:predicates (idle ?r - robot)) (:f
 
 @pytest.mark.parametrize("timed", ["(at 6.0 (assign (battery k) 80))", "(at 6 (= (battery k) 80))"])
 def test_timed_numbers_written_with_assign(kb: KnowledgeBase, timed: str):
-    """P4: unified_planning's writer says `assign` where PDDL 2.2 says `=`."""
+    """P4: unified_planning's writer writes `assign` where PDDL 2.2 has `=`."""
     kb.load(BATTERY, problem_of("b", f"(:objects k - robot) (:init (= (battery k) 90) {timed}) (:goal (and))"))
     assert kb.value("(battery k)", at=START + seconds(6) - 1) == 90
     assert kb.value("(battery k)", at=START + seconds(6)) == 80
 
 
 def test_a_fact_may_be_called_assign(kb: KnowledgeBase):
-    """P4: of plain names only, (assign k home) is a fact, also at a time."""
+    """P4: with plain names only, (assign k home) is a fact, also at a time."""
     kb.load(
         "(define (domain a) (:predicates (assign ?x ?y)))",
         problem_of("a", "(:objects k home) (:init (at 5 (assign k home))) (:goal (and))"),
@@ -164,7 +164,7 @@ def test_a_fact_may_be_called_assign(kb: KnowledgeBase):
 
 
 def test_a_written_problem_of_unified_planning_is_read(kb: KnowledgeBase):
-    """P4: what its writer makes of a timed number comes back as the same number at the same time."""
+    """P4: a timed number of its writer is read as the same number at the same time."""
     io = pytest.importorskip("unified_planning.io")
     kb.load(BATTERY, problem_of("b", "(:objects k - robot) (:init (= (battery k) 90) (at 6 (= (battery k) 80)))"))
     kb.add_goal("(idle k)")

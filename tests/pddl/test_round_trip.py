@@ -1,4 +1,4 @@
-"""What is written is read back equal."""
+"""Written formulas and items read back equal."""
 
 import pytest
 from hypothesis import example, given, settings
@@ -14,14 +14,14 @@ from tests.pddl import strategies
 
 
 def shape(expression):
-    """An expression with the types of its tokens, as numbers of different kinds may be equal."""
+    """An expression with the types of its tokens, as numbers of different types may be equal."""
     return [(type(token), token, repr(token)) for token in expression]
 
 
 @settings(deadline=None)
 @given(strategies.expressions())
 def test_expressions(expression):
-    """Expressions survive their text, and their message, to the last bit of each number."""
+    """Expressions read back from their text, and from their message, to the last bit of each number."""
     assert shape(parse_expression(expression_text(expression))) == shape(expression)
     assert shape(from_composite(composite_of(expression, unlabelled))) == shape(expression)
     assert str(composite_of(expression, unlabelled)) == expression_text(expression)
@@ -30,7 +30,7 @@ def test_expressions(expression):
 @settings(deadline=None)
 @given(strategies.conditions())
 def test_conditions(condition):
-    """Conditions survive their text, which is canonical."""
+    """Conditions read back from their text, which is canonical."""
     text = condition_text(condition)
     found = parse_condition(text)
     assert found == condition
@@ -41,14 +41,14 @@ def test_conditions(condition):
 @settings(deadline=None)
 @given(strategies.facts | strategies.instances)
 def test_items(item):
-    """Facts and objects survive their text."""
+    """Facts and objects read back from their text."""
     assert parse_item(str(item)) == item
 
 
 @settings(deadline=None)
 @given(strategies.functions)
 def test_functions(item):
-    """Values, changes and rates survive their text."""
+    """Values, changes and rates read back from their text."""
     found = parse_item(str(item))
     assert isinstance(found, Function)
     assert found == item
@@ -59,7 +59,7 @@ def test_functions(item):
 @given(strategies.comparisons())
 @example(Comparison(ComparisonType.GREATER, (Operator.ADD, 0.0, -0.0), (0.0,)))
 def test_inequalities(comparison):
-    """Comparisons are items that survive their text."""
+    """Comparisons are items that read back from their text."""
     text = condition_text(comparison)
     item = parse_item(text)
     if not (isinstance(item, Function) and item.assign_op is AssignOp.ASSIGN):
@@ -86,7 +86,7 @@ def test_effects():
 
 
 def test_effects_that_depend_on_the_start():
-    """An effect does not say its own moment, so that only the other one is written."""
+    """An effect has no time of its own in its text, so only the other time is written."""
     domain = read_domain(
         """(define (domain d) (:predicates (p ?x) (q)) (:durative-action a :duration ()
         :effect (forall (?x) (when (and (at start (and (p ?x) (q))) (at end (not (q)))) (at end (not (p ?x)))))))"""
@@ -97,7 +97,7 @@ def test_effects_that_depend_on_the_start():
 
 
 def test_built_effects():
-    """Effects that a program built are written, too."""
+    """Effects built by a program are written, too."""
     p = Atom("p")
     effect = ForEach(
         (Parameter("x", ("a", "b")),),
@@ -120,7 +120,7 @@ def test_built_effects():
     ],
 )
 def test_sums_and_products_of_several_operands(text):
-    """P5: they are written as they were read, not nested; a difference of three has to be."""
+    """P5: they are written as they were read, not nested; a difference of three has to be nested."""
     assert expression_text(parse_expression(text)) == text
     assert str(composite_of(parse_expression(text), unlabelled)) == text
 

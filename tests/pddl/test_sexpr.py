@@ -1,4 +1,4 @@
-"""S-expressions: groups, words, places and brackets."""
+"""S-expressions: groups, words, positions and brackets."""
 
 import pytest
 
@@ -26,7 +26,7 @@ class TestReading:
 
     @pytest.mark.parametrize("text", ["", "  \n\t", "; a comment only", ";;;"])
     def test_nothing(self, text):
-        """A text of white space and comments holds nothing."""
+        """A text of white space and comments is empty."""
         assert read(text) == []
 
     def test_comments(self):
@@ -35,7 +35,7 @@ class TestReading:
 
     @pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
     def test_line_ends(self, end):
-        """Lines end as on Unix, Windows or old Macs, for comments and for places."""
+        """Lines end as on Unix, Windows or old Macs, for comments and for positions."""
         source = SourceText(f"(a ; x{end} b{end} (c))")
         top = source.read()
         assert top == [["a", "b", ["c"]]]
@@ -63,7 +63,7 @@ class TestReading:
 
 class TestPlaces:
     def test_children(self):
-        """Each child of a group has its place, whether word or group; beyond the last there is the closing bracket."""
+        """Each child of a group has its position, word or group; beyond the last there is the closing bracket."""
         source = SourceText("(aa (b) ; (x\n  cc)")
         group = source.read()[0]
         assert [source.place(source.offset(group, index)) for index in range(5)] == [
@@ -76,13 +76,13 @@ class TestPlaces:
         assert source.place(source.offset(group)) == (1, 1)
 
     def test_whole_text(self):
-        """The children of the whole text have places, too."""
+        """The children of the whole text have positions, too."""
         source = SourceText("a (b)\nc")
         top = source.read()
         assert [source.place(source.offset(top, index)) for index in range(3)] == [(1, 1), (1, 3), (2, 1)]
 
     def test_diagnosis_of_a_long_line(self):
-        """Of a long line the part around the place is shown, with the mark under it."""
+        """Of a long line the part around the position is quoted, with the mark under it."""
         source = SourceText("(" + "x" * 1000 + " here " + "y" * 1000 + ")")
         text = source.diagnosis("wrong", 1002)
         _, shown, mark = text.split("\n")
@@ -93,7 +93,7 @@ class TestPlaces:
 
 class TestBrackets:
     def test_missing(self):
-        """A bracket that is never closed is refused at its place."""
+        """A bracket that is never closed is refused at its position."""
         with pytest.raises(PddlSyntaxError, match="never closed") as caught:
             read("(a)\n  (b (c)")
         assert (caught.value.line, caught.value.column) == (2, 3)
@@ -105,7 +105,7 @@ class TestBrackets:
         assert (caught.value.line, caught.value.column) == (2, 3)
 
     def test_extra(self):
-        """A bracket that closes nothing is refused at its place, with its line."""
+        """A bracket that closes nothing is refused at its position, with its line."""
         with pytest.raises(PddlSyntaxError, match="closes nothing") as caught:
             read("(a)\n b)")
         assert (caught.value.line, caught.value.column) == (2, 3)
@@ -114,11 +114,11 @@ class TestBrackets:
 
 class TestOpening:
     def test_text(self):
-        """What contains a bracket is PDDL text."""
+        """A text with a bracket is PDDL text."""
         assert SourceText.open("(define)").name is None
 
     def test_path(self, tmp_path):
-        """What contains none is a path; so is a path object, and the path of a file with a bracket in it."""
+        """A text without one is a path; so is a path object, also of a file with a bracket in its name."""
         path = tmp_path / "a (1).pddl"
         path.write_text("(b)")
         for given in (path, str(path)):
@@ -127,14 +127,14 @@ class TestOpening:
 
     @pytest.mark.parametrize("name", ["", "nowhere.pddl", "no text", "nul\0"])
     def test_missing_file(self, name, tmp_path, monkeypatch):
-        """A file that cannot be read is a clear refusal that names it, and no line in it."""
+        """The refusal of an unreadable file names it, without a line."""
         monkeypatch.chdir(tmp_path)
         with pytest.raises(PddlSyntaxError, match=r"^cannot read the file"):
             SourceText.open(name)
 
     @pytest.mark.parametrize("given", [None, 7, b"(p)", ["(p)"]])
     def test_neither(self, given):
-        """What is neither text nor a path is refused."""
+        """An argument that is neither text nor a path is refused."""
         with pytest.raises(PddlSyntaxError, match=r"^give the path"):
             SourceText.open(given)
 

@@ -1,4 +1,4 @@
-"""P5: problems and domains in names that every planner reads."""
+"""P5: problems and domains with names that every planner reads."""
 
 import re
 
@@ -56,7 +56,7 @@ def clock() -> ManualClock:
 
 @pytest.fixture
 def kb(clock: ManualClock) -> KnowledgeBase:
-    """The site, whose names are no planner's."""
+    """The site, whose names no planner reads."""
     kb = kbstore.open("sqlite://", "site/robot1", clock=clock)
     kb.load(DOMAIN, PROBLEM)
     return kb
@@ -75,13 +75,13 @@ def words(text: str) -> set[str]:
 
 
 def restored(strict: StrictPddl) -> str:
-    """The text with the names put back, without its comments."""
+    """The text with the original names, without its comments."""
     text = re.sub(";.*", "", strict.text)
     return re.sub(r"[A-Za-z][\w-]*", lambda word: strict.names.get(word[0], word[0]), text)
 
 
 def test_every_name_is_one_that_every_planner_reads(kb: KnowledgeBase):
-    """P5: of the domain and of the problem, its own name included; in comments nothing else stands either."""
+    """P5: of the domain and of the problem, its own name included, and in comments."""
     for text in (kb.domain_to_pddl(strict_names=True).text, kb.to_pddl(strict_names=True).text):
         assert text.isascii()
         assert [word for word in words(text) if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_-]*", word)] == []
@@ -97,15 +97,15 @@ def test_names_are_the_same_in_both(kb: KnowledgeBase):
     assert len(set(problem.values())) == len(problem)
 
 
-def test_with_the_names_put_back_it_is_the_same(kb: KnowledgeBase):
-    """P5: nothing but names is replaced, and each place of a name is."""
+def test_the_text_with_the_original_names_is_the_same(kb: KnowledgeBase):
+    """P5: only names are replaced, at each of their positions."""
     domain = kb.domain_to_pddl(strict_names=True)
     assert restored(domain) == re.sub(";.*", "", kb.domain_to_pddl())
     assert restored(kb.to_pddl(strict_names=True)) == kb.to_pddl()
 
 
 def test_a_name_that_every_planner_reads_stays(kb: KnowledgeBase):
-    """P5: others alone are replaced; by names that are not in use."""
+    """P5: only other names are replaced; by names that are not in use."""
     names = kb.to_pddl(strict_names=True).names
     assert not {"hall", "open", "at", "clean"} & set(names.values())
     used = words(kb.domain_to_pddl()) | words(kb.to_pddl())
@@ -113,7 +113,7 @@ def test_a_name_that_every_planner_reads_stays(kb: KnowledgeBase):
 
 
 def test_a_replacement_that_is_in_use_is_not_taken(kb: KnowledgeBase):
-    """P5: not even where an object has the name that another one would get."""
+    """P5: not even the name of an object that another one would get."""
     taken = next(new for new, own in kb.to_pddl(strict_names=True).names.items() if own == "küche")
     kb.add(f"{taken} - räume", f"(= (größe {taken}) 1)")
     problem = kb.to_pddl(strict_names=True)
@@ -123,14 +123,14 @@ def test_a_replacement_that_is_in_use_is_not_taken(kb: KnowledgeBase):
 
 
 def test_a_name_is_replaced_by_the_same_at_any_time(kb: KnowledgeBase):
-    """P5: the domain's text may have been written before the object came, whose name is like another."""
+    """P5: also where the domain's text was written before an object with a similar name was added."""
     before = kb.domain_to_pddl(strict_names=True).names
     kb.add("größe - räume", "gr-e - räume")
     assert before.items() <= kb.to_pddl(strict_names=True).names.items()
 
 
 def test_pddls_own_words_are_replaced_as_names_alone():
-    """P5: a parser may stumble over a predicate `when`, or an object `object`; the keywords stay."""
+    """P5: a parser may fail on a predicate `when`, or an object `object`; keywords stay."""
     domain = read_domain(
         """(define (domain domain) (:predicates (when ?x) (p ?x ?y)) (:constants define)
         (:action and :parameters (?x) :precondition (and (when ?x) (not (p ?x define)))
@@ -151,7 +151,7 @@ def test_pddls_own_words_are_replaced_as_names_alone():
 
 
 def test_kairos_reads_it_and_its_plan_is_carried_out(kb: KnowledgeBase, clock: ManualClock):
-    """P5, P6: an independent reader and planner; its plan in its names is executed in the knowledge base's."""
+    """P5, P6: an independent reader and planner; its plan is executed with the names of the knowledge base."""
     kairos = pytest.importorskip("kairos")
     kb.load(DOMAIN.replace("?x- ", "?x - ").replace(" -object", " - object"))
     kb.remove_goal(*kb.goals())
@@ -170,14 +170,14 @@ def test_kairos_reads_it_and_its_plan_is_carried_out(kb: KnowledgeBase, clock: M
 
 
 def test_a_state_is_written_in_the_same_names(kb: KnowledgeBase):
-    """P5: `State.to_pddl` as `KnowledgeBase.to_pddl`, at any time."""
+    """P5: `State.to_pddl` like `KnowledgeBase.to_pddl`, at any time."""
     for t in (START, START + seconds(95)):
         assert kb.state(t).to_pddl(strict_names=True) == kb.to_pddl(t, strict_names=True)
     assert kb.state().to_pddl(strict_names=False) == kb.to_pddl()
 
 
 def test_the_text_is_read_back(kb: KnowledgeBase):
-    """P2, P5: as the same problem in other names."""
+    """P2, P5: as the same problem with other names."""
     domain, problem = kb.domain_to_pddl(strict_names=True), kb.to_pddl(strict_names=True)
     own, new = read_problem(kb.to_pddl(), kb.domain), read_problem(problem.text, read_domain(domain.text))
     assert (len(own.init), len(own.timed), len(own.goals), own.metric is None) == (

@@ -24,7 +24,7 @@ DOMAIN = read_domain(TEXT)
 
 @dataclass
 class State:
-    """A state that somebody made up."""
+    """A state made for the test."""
 
     at: int = seconds(1000)
     name: str = "kenny"
@@ -89,12 +89,12 @@ class TestWhole:
         )
 
     def test_empty(self):
-        """Nothing at all is a problem, too, with and without a domain."""
+        """An empty problem is valid, with and without a domain."""
         assert read_problem(write_problem(State()), DOMAIN).goals == []
         assert read_problem(write_problem(State(domain=None))).domain_name == "unknown"
 
     def test_reading_back(self):
-        """What is written is read back equal."""
+        """A written problem reads back equal."""
         state = State(
             instances=OBJECTS,
             facts=items("(at kenny hall)", "(not (dark))"),
@@ -133,7 +133,7 @@ class TestWhole:
         ],
     )
     def test_any_name_of_a_knowledge_base(self, name, written):
-        """P5: a knowledge base may be called anything; its problem has a name that every planner reads."""
+        """P5: a knowledge base may have any name; its problem has one that every planner reads."""
         assert read_problem(write_problem(State(name=name)), DOMAIN).name == written
 
     def test_domain(self):
@@ -168,14 +168,14 @@ class TestParts:
         assert read_problem(written, DOMAIN).timed[0][0] == offset
 
     def test_untyped_objects(self):
-        """Where no object has a type, names stand alone; among typed ones they are objects."""
+        """Where no object has a type, names are written alone; among typed ones they are objects."""
         bare = [Instance(instance_name="a", instance_type="object"), Instance(instance_name="b")]
         assert "\n    a b\n" in write_problem(State(instances=bare))
         mixed = read_problem(write_problem(State(instances=[*bare, *OBJECTS])), DOMAIN).instances
         assert [str(item) for item in mixed] == ["a - object", "b - object", "kenny - robot", "hall - room"]
 
     def test_dashes(self):
-        """Names that begin or end with '-' are not taken for a type's mark, even beside objects called like types."""
+        """Names that begin or end with '-' are not read as type marks, even beside objects named like types."""
         names = ["a-", "robot", "-b", "c", "room", "d-"]
         for type_name in ("robot", "object"):
             instances = [Instance(instance_name=name, instance_type=type_name) for name in names]
@@ -189,8 +189,8 @@ class TestParts:
         assert read_problem(text, DOMAIN).instances == instances
         assert max(map(len, text.splitlines())) < 100
 
-    def test_what_pddl_cannot_say(self):
-        """Rates, scheduled objects and recorded inequalities are comments, which no reader minds."""
+    def test_comments(self):
+        """Rates, scheduled objects and recorded inequalities are comments, which readers ignore."""
         state = State(
             instances=OBJECTS,
             functions=[parse_item("(= (battery kenny) 80)", DOMAIN).changed(rate=-0.5)],
@@ -217,7 +217,7 @@ class TestParts:
 
 class TestRunning:
     def test_end_effects(self):
-        """What runs becomes timed end effects after a comment that names it (rule O4)."""
+        """A run becomes timed end effects after a comment that names it (rule O4)."""
         go = Run("go", ("kenny", "hall"), seconds(990), seconds("40.5"))
         charge = Run("charge", ("kenny",), seconds(1000), seconds(5))
         state = State(
@@ -239,7 +239,7 @@ class TestRunning:
         ]
 
     def test_late(self):
-        """An action whose expected end lies behind is named, and no time is negative."""
+        """A run whose expected end has passed is named, and no time is negative."""
         late = Run("go", ("kenny", "hall"), seconds(900), seconds(10))
         text = write_problem(State(running=[late]))
         assert "; (go kenny hall) has been running for 100 s, its end is late by 90 s" in text

@@ -1,4 +1,4 @@
-"""Answers to single questions: remembered no longer than they are right, and read no further than they need."""
+"""Answers to single questions: cached only while they are right, and read with as few rows as possible."""
 
 import random
 from contextlib import suppress
@@ -44,7 +44,7 @@ NUMBERS = ("(charge r0)", "(cost)", "(+ (charge r0) (* 2 (cost)))")
 
 
 def answers(kb):
-    """All that is asked, with what is refused as its error."""
+    """The answers to all questions, with refusals as their errors."""
     found = [kb.truth(question) for question in QUESTIONS]
     for number in NUMBERS:
         try:
@@ -83,8 +83,8 @@ def write_something(kb, clock, chance):
 
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("unknowns", [False, True])
-def test_what_is_remembered_is_what_would_be_answered_anew(tmp_path, seed, unknowns):
-    """T3, C9, Q1: whoever writes, and whatever takes effect by the clock, a remembered answer is never an old one."""
+def test_cached_answers_equal_fresh_ones(tmp_path, seed, unknowns):
+    """T3, C9, Q1: after any writes, and any changes by the clock, a cached answer is never an old one."""
     chance = random.Random(seed)
     clock = kbstore.ManualClock(START)
     store = tmp_path / "store.db"
@@ -96,7 +96,7 @@ def test_what_is_remembered_is_what_would_be_answered_anew(tmp_path, seed, unkno
         kb.load(DOMAIN)
         kb.add("r0 - robot", "p0 - place", "p1 - room")
         for _ in range(25):
-            # what is about an object that is not there just now is refused
+            # a question about an object that does not exist at that time is refused
             with suppress(KbStoreError):
                 write_something(chance.choice((kb, other)), clock, chance)
             for _ in range(chance.randrange(4)):
@@ -104,8 +104,8 @@ def test_what_is_remembered_is_what_would_be_answered_anew(tmp_path, seed, unkno
                 clock.advance(chance.choice((1, seconds(1) - 1, seconds(1))))
 
 
-def test_what_is_asked_together_is_answered_at_one_time(tmp_path):
-    """Questions of one call agree while a number passes a limit, also where all are answered from memory."""
+def test_questions_of_one_call_are_answered_at_one_time(tmp_path):
+    """Questions of one call agree while a number passes a limit, also where all are answered from the cache."""
 
     class Ticking(kbstore.ManualClock):
         ticks = 0
@@ -130,8 +130,8 @@ def test_what_is_asked_together_is_answered_at_one_time(tmp_path):
             assert first == second
 
 
-def test_what_fails_by_an_action_itself_fails_since_it_is_asked(tmp_path):
-    """O1: an over-all condition that the at-start effects break fails from the time on at which one would start."""
+def test_a_condition_broken_by_the_action_fails_since_the_start(tmp_path):
+    """O1: an over-all condition that the at-start effects break fails from the time of the start on."""
     clock = kbstore.ManualClock(START)
     with kbstore.open(tmp_path / "store.db", clock=clock) as kb:
         kb.load("""
@@ -147,7 +147,7 @@ def test_what_fails_by_an_action_itself_fails_since_it_is_asked(tmp_path):
 
 
 def test_an_interrupt_just_after_the_commit_leaves_no_old_answer(tmp_path, monkeypatch):
-    """T3: Ctrl-C while the disk is waited for is raised after what was written is stored."""
+    """T3: Ctrl-C while waiting for the disk is raised after the writes are stored."""
 
     def interrupted(_connection):
         raise KeyboardInterrupt
@@ -164,7 +164,7 @@ def test_an_interrupt_just_after_the_commit_leaves_no_old_answer(tmp_path, monke
 
 
 def test_the_parts_of_a_state_are_those_of_the_state(tmp_path):
-    """What is asked for a part of the state at any time is what the whole state then has."""
+    """A question about a part of the state, at any time, agrees with the whole state."""
     chance = random.Random(7)
     clock = kbstore.ManualClock(START)
     with kbstore.open(tmp_path / "store.db", clock=clock) as kb:
@@ -201,7 +201,7 @@ def test_the_parts_of_a_state_are_those_of_the_state(tmp_path):
 
 @pytest.fixture
 def large(tmp_path):
-    """A thousand facts, of which ten say where the robot has been; and all statements that are run."""
+    """A thousand facts, ten of them the places of the robot; and all statements that are run."""
     with kbstore.open(tmp_path / "store.db", clock=kbstore.ManualClock(START)) as kb:
         kb.load(DOMAIN)
         kb.add("r0 - robot", *(f"p{n} - place" for n in range(1000)))
@@ -223,8 +223,8 @@ WHOLE = "level"
 """What only a statement has that reads all facts or objects at a time."""
 
 
-def test_the_whole_state_is_known_by_its_statement(large):
-    """What the following tests look for is there where everything is read."""
+def test_the_statement_of_a_whole_state_is_recognized(large):
+    """The statement that the following tests look for is run where everything is read."""
     kb, statements = large
     kb.state()
     assert [text for text in statements if WHOLE in text and "facts" in text]
@@ -240,7 +240,7 @@ def test_the_whole_state_is_known_by_its_statement(large):
     ],
 )
 def test_a_bound_object_is_looked_up(large, question, most):
-    """What names an object reads by an index what mentions it: begin, head, a few look-ups, rollback."""
+    """A question that names an object reads its mentions by an index: begin, head, a few look-ups, rollback."""
     kb, statements = large
     assert kb.holds(question)
     reading = [text for text in statements if "data_version" not in text]
@@ -252,7 +252,7 @@ def test_a_bound_object_is_looked_up(large, question, most):
 
 
 def test_a_number_that_moves_is_read_once(large):
-    """A condition, or a sum, of a number that moves is computed for each time from what was read at first (C7, V5)."""
+    """A condition, or a sum, of a moving number is computed for each time from the first read (C7, V5)."""
     kb, statements = large
     clock = kb._clock
     kb.add("(increase (charge r0) (* #t -1))", "(= (cost) 1)")
@@ -264,7 +264,7 @@ def test_a_number_that_moves_is_read_once(large):
         clock.advance(seconds(second))
         assert kb.holds(asked) is truth
         assert kb.value("(+ (charge r0) (cost))") == 10 - (clock.now() - START) / seconds(1)
-    # the first time that it does not hold it is checked whether it can be meant
+    # the first time that it does not hold, it is checked whether the question can be meant
     assert len([text for text in statements if "data_version" not in text]) <= 12
     statements.clear()
     clock.advance(seconds(1))
@@ -274,8 +274,8 @@ def test_a_number_that_moves_is_read_once(large):
     assert kb.holds(asked)
 
 
-def test_answers_outlast_what_is_written_elsewhere(large, tmp_path):
-    """A commit to another knowledge base of the file costs a look at the head, and no answer."""
+def test_answers_outlast_writes_to_other_knowledge_bases(large, tmp_path):
+    """A commit to another knowledge base of the file costs a read of the head, and no cached answer."""
     kb, statements = large
     asked = ("(exists (?p - place) (at r0 ?p))", "(and (at r0 p3) (not (alarm)))")
     with kbstore.open(tmp_path / "store.db", "elsewhere") as elsewhere:
@@ -290,7 +290,7 @@ def test_answers_outlast_what_is_written_elsewhere(large, tmp_path):
 
 
 def test_a_question_is_checked_again_once_an_object_is_recorded(tmp_path):
-    """V10: that no object was ever of a wrong type is looked up once, and again when somebody has recorded one."""
+    """V10: that no object ever had a wrong type is read once, and again after an object was recorded."""
     store = tmp_path / "store.db"
     with kbstore.open(store) as kb, kbstore.open(store) as other:
         kb.load(DOMAIN)
@@ -317,7 +317,7 @@ def test_a_question_is_checked_again_once_an_object_is_recorded(tmp_path):
     ],
 )
 def test_a_part_of_the_state_is_read_by_itself(large, ask):
-    """What few facts decide is read without the rest, now and in the past."""
+    """A question that few facts decide is answered without reading the rest, now and in the past."""
     kb, statements = large
     ask(kb)
     assert not [text for text in statements if WHOLE in text and "facts" in text]

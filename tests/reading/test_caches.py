@@ -1,4 +1,4 @@
-"""The one kind of cache: what it keeps, and what it drops."""
+"""The one kind of cache: its entries, and when they are dropped."""
 
 import pytest
 
@@ -6,7 +6,7 @@ from kbstore.storage.caches import LRU
 
 
 def test_the_least_recently_used_goes_first():
-    """Of four entries that there is no room for, the one that was asked for again stays."""
+    """Of four entries that exceed the bound, the one that was asked for again stays."""
     cache = LRU(4)
     for key in "abcd":
         cache.put(key, key.upper())
@@ -28,7 +28,7 @@ def test_an_entry_stays_while_half_of_the_bound_is_used_beside_it():
 
 
 def test_it_never_holds_more_than_its_bound():
-    """Whatever is put and found, the entries together are no larger than the bound."""
+    """After any puts and finds, the entries together are no larger than the bound."""
     cache = LRU(30, size=len)
     for number in range(200):
         cache.put(number, "x" * (number * 7 % 13 + 1))
@@ -36,8 +36,8 @@ def test_it_never_holds_more_than_its_bound():
         assert sum(map(len, [*cache.values(), *cache._older.values()])) <= 30 + 13
 
 
-def test_what_is_dropped_is_released_little_by_little():
-    """Each new entry releases as much as it takes: no generation is released at once, and none is kept for long."""
+def test_dropped_entries_are_released_gradually():
+    """Each new entry releases as much as it takes: no generation is released at once, or stays for long."""
     released = []
 
     class Entry(list):
@@ -54,7 +54,7 @@ def test_what_is_dropped_is_released_little_by_little():
 
 
 def test_the_older_generation_is_found_by_find_and_by_index():
-    """`find` and ``[]`` look in both generations; what is found there is young again."""
+    """`find` and ``[]`` look in both generations; an entry found there is young again."""
     cache = LRU(4)
     for key in "abc":
         cache.put(key, key.upper())
@@ -67,7 +67,7 @@ def test_the_older_generation_is_found_by_find_and_by_index():
 
 
 def test_states_are_weighed_by_their_assertions():
-    """There is room for so many assertions; those go that nobody asked for in the longest time."""
+    """The bound is a number of assertions; the states that were not asked for longest are dropped."""
     cache = LRU(30, size=lambda size: size)
     cache.put(1, 10)
     cache.put(2, 10)
@@ -79,15 +79,15 @@ def test_states_are_weighed_by_their_assertions():
 
 
 def test_a_bound_of_0_turns_it_off():
-    """Nothing is kept, and nothing is found."""
+    """Nothing is cached, and nothing is found."""
     cache = LRU(0)
     cache.put("a", 1)
     assert cache.find("a") is None
     assert len(cache) == 0
 
 
-def test_what_is_stale_is_dropped_from_both_generations():
-    """`drop` takes keys out wherever they are, `clear` takes all."""
+def test_stale_entries_are_dropped_from_both_generations():
+    """`drop` removes keys from both generations, `clear` removes all."""
     cache = LRU(4)
     for t in (10, 20, 30):
         cache.put(t, t)

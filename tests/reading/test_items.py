@@ -1,4 +1,4 @@
-"""The messages of a state: made once for a row, and never shown where another is right."""
+"""The messages of a state: made once for a row, and never used where another is right."""
 
 import pytest
 
@@ -14,7 +14,7 @@ DOMAIN = """
 
 @pytest.fixture
 def clock():
-    """A clock that stands still."""
+    """A clock that does not advance."""
     return kbstore.ManualClock(START)
 
 
@@ -33,7 +33,7 @@ def parts(state):
 
 
 def test_a_row_has_one_message(kb, clock):
-    """What did not change is the same object in the states of other times."""
+    """An unchanged row has the same object in the states of different times."""
     before = parts(kb.state())
     clock.advance(1)
     assert all(one is other for one, other in zip(before, parts(kb.state()), strict=True))
@@ -61,7 +61,7 @@ def test_a_number_that_moves_has_a_message_for_each_time(kb, clock):
     assert values == [9, 8, 7]
 
 
-def test_labels_are_those_of_the_domain_then(kb, clock):
+def test_labels_are_those_of_the_domain_at_that_time(kb, clock):
     """D4: a state has the labels of the version in force at its time."""
     clock.advance(1)
     kb.load(DOMAIN.replace("(at ?r - robot ?p - place)", "(at ?who - robot ?where - place)"))
@@ -70,7 +70,7 @@ def test_labels_are_those_of_the_domain_then(kb, clock):
 
 
 def test_without_a_domain_labels_are_learned(clock):
-    """D2: a fact has the labels that were given later, also in a state that was shown without them."""
+    """D2: a fact gets the labels that were given later, also in a state that was returned without them."""
     with kbstore.open(":memory:", clock=clock) as kb:
         kb.add("(at r0 p0)")
         assert kb.state().facts[0].labels == ("arg1", "arg2")

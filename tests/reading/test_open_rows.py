@@ -1,4 +1,4 @@
-"""The rows that a writer remembers: it reads none of them again, and none that somebody else has changed."""
+"""The rows that a writer caches: it reads none of them again, and none that another writer has changed."""
 
 import random
 
@@ -20,7 +20,7 @@ def row(number):
 
 
 def spans(kb):
-    """Every assertion with its span and value, as the store has them."""
+    """Every assertion with its span and value, as stored."""
     return [(str(found.item), found.initial_time, found.end_time) for found in kb.history()]
 
 
@@ -47,8 +47,8 @@ def write_something(kb, chance, clock):
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_whoever_writes_the_history_is_the_same(tmp_path, seed):
-    """C1, V1, T5: writers that remember rows, in turns, leave the history that one without any memory leaves."""
+def test_writers_in_turns_record_the_same_history(tmp_path, seed):
+    """C1, V1, T5: writers that cache rows, in turns, record the same history as one without caches."""
     histories = []
     for caching in ((True, True), (False, False)):
         chance, clock = random.Random(seed), kbstore.ManualClock(START)
@@ -65,8 +65,8 @@ def test_whoever_writes_the_history_is_the_same(tmp_path, seed):
     assert histories[0] == histories[1]
 
 
-def test_values_told_again_and_again_are_not_read(tmp_path):
-    """From the second time on a value is replaced without reading what holds; another writer's are read."""
+def test_values_added_repeatedly_are_not_read(tmp_path):
+    """From the second time on a value is replaced without reading the row; another writer's rows are read."""
     clock = kbstore.ManualClock(START)
     store = tmp_path / "store.db"
     with kbstore.open(store, clock=clock) as kb, kbstore.open(store, clock=clock) as other:
@@ -92,8 +92,8 @@ def test_values_told_again_and_again_are_not_read(tmp_path):
         assert ended() == [*range(START + 1, START + 7), None]
 
 
-def test_what_was_not_committed_is_not_remembered(tmp_path, monkeypatch):
-    """C1: after a transaction that failed, the next one ends the rows that are there."""
+def test_uncommitted_rows_are_not_cached(tmp_path, monkeypatch):
+    """C1: after a transaction that failed, the next one ends the rows that are stored."""
     clock = kbstore.ManualClock(START)
     with kbstore.open(tmp_path / "store.db", clock=clock) as kb:
         kb.add("(open p0)")
@@ -116,8 +116,8 @@ def test_what_was_not_committed_is_not_remembered(tmp_path, monkeypatch):
         ]
 
 
-def test_what_lies_ahead_for_a_clock_that_is_behind(tmp_path):
-    """T3, C5: what was read as begun, in a transaction that recorded nothing, can be cancelled if it is still ahead."""
+def test_rows_that_are_ahead_for_a_clock_that_is_behind(tmp_path):
+    """T3, C5: a row read as begun, in a transaction that recorded nothing, can be cancelled if it is still ahead."""
     clock = kbstore.ManualClock(START)
     with kbstore.open(tmp_path / "store.db", clock=clock, tolerance=seconds(9)) as kb:
         kb.add("(open p0)", initial_time=START + 5)
@@ -129,8 +129,8 @@ def test_what_lies_ahead_for_a_clock_that_is_behind(tmp_path):
         assert not kb.holds("(open p0)")
 
 
-def test_rows_are_those_of_one_transaction():
-    """Who comes late with a transaction that others have followed changes nothing."""
+def test_cached_rows_are_those_of_one_transaction():
+    """A thread that is late with a transaction that others have followed changes nothing."""
     rows = OpenRows(10)
     assert rows.of(1, [7]) == {}
     rows.put(1, {7: row(1), 8: row(1)})
