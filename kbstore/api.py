@@ -52,7 +52,7 @@ def open(
         schema: the schema of a PostgreSQL database in which the tables are; made if there is none. None: where the
             search path of the connection finds them.
         notifications: whether a PostgreSQL server notifies this process of each commit, and answers about now are
-            remembered until then. They are not older than the last notification that arrived, and right within this
+            cached until then. They are not older than the last notification that arrived, and right within this
             process's own writes. Needs a connection of its own to the server itself; SQLite needs none of this.
 
     Raises:

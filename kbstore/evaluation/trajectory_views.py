@@ -30,24 +30,24 @@ class CachedTrajectory:
         """The pieces in which one fact is asserted or denied, each with its sign."""
         if name in self._all_signs:
             return self._all_signs[name].get(arguments, ())
-        return _remembered(self._signs, (name, arguments), lambda: self._trajectory.signs(name, arguments))
+        return _cached(self._signs, (name, arguments), lambda: self._trajectory.signs(name, arguments))
 
     def all_signs(self, name: str) -> Mapping[Arguments, Sequence[tuple[int, int, bool]]]:
         """The pieces of every fact of a predicate that is asserted or denied somewhere in the span."""
-        return _remembered(self._all_signs, name, lambda: self._trajectory.all_signs(name))
+        return _cached(self._all_signs, name, lambda: self._trajectory.all_signs(name))
 
     def numbers(self, name: str, arguments: Arguments) -> Sequence[tuple[int, int, Number]]:
         """The pieces in which one numeric function is defined."""
-        return _remembered(self._numbers, (name, arguments), lambda: self._trajectory.numbers(name, arguments))
+        return _cached(self._numbers, (name, arguments), lambda: self._trajectory.numbers(name, arguments))
 
     def lifespans(self, types: Iterable[str]) -> Mapping[str, Sequence[Span]]:
         """The objects of some types that exist somewhere in the span, with their lifespans."""
         wanted = tuple(types)
-        return _remembered(self._lifespans, wanted, lambda: self._trajectory.lifespans(wanted))
+        return _cached(self._lifespans, wanted, lambda: self._trajectory.lifespans(wanted))
 
     def lifespan(self, name: str) -> Sequence[tuple[int, int, str]]:
         """Return the spans in which an object exists, each with its type."""
-        return _remembered(self._existence, name, lambda: self._trajectory.lifespan(name))
+        return _cached(self._existence, name, lambda: self._trajectory.lifespan(name))
 
 
 class TrajectoryAt:
@@ -93,7 +93,7 @@ def _piece_at(pieces: Sequence[_Piece], t: int) -> _Piece | None:
     return pieces[i - 1] if i and t < pieces[i - 1][1] else None
 
 
-def _remembered(known: dict[_Key, _Value], wanted: _Key, read: Callable[[], _Value]) -> _Value:
+def _cached(known: dict[_Key, _Value], wanted: _Key, read: Callable[[], _Value]) -> _Value:
     if wanted not in known:
         known[wanted] = read()
     return known[wanted]

@@ -171,7 +171,7 @@ def _running(state: StateLike) -> Iterator[str]:
     declared = _declared(state) if state.domain else None
     for run in state.running:
         past, left = state.at - run.started, run.expected_end - state.at
-        end = f"its end is expected in {_seconds(left)} s" if left > 0 else f"its end is late by {_seconds(-left)} s"
+        end = f"its end is expected in {_seconds(left)} s" if left > 0 else f"its end is overdue by {_seconds(-left)} s"
         yield f"    ; {run.action} has been running for {_seconds(max(0, past))} s, {end}"
         for time, item, owner in state.end_effects:
             if owner == run:

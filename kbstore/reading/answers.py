@@ -1,4 +1,4 @@
-"""Answers to single questions: remembered, or read from one timeline, or evaluated on the state.
+"""Answers to single questions: cached, or read from one timeline, or evaluated on the state.
 
 An answer about now is cached for the connection that computed it, until somebody commits to the knowledge base or the
 clock reaches the time at which a part of the question changes. If moving numbers decide it, the assertions that it was
@@ -82,12 +82,12 @@ class _QuestionKind(NamedTuple):
     Attributes:
         prepared: the cache of prepared questions.
         prepare: how a question is prepared.
-        remembered: the attribute of the connection's memory that caches the answers.
+        cached: the attribute of the connection's memory that caches the answers.
     """
 
     prepared: LRU[Any, Any]
     prepare: Callable[[Question, SymbolTable], _Prepared]
-    remembered: str
+    cached: str
 
 
 _COMPUTED = (Number, _Moving)
@@ -103,7 +103,7 @@ class Answers:
         self._resolver = reader.resolver
         self._domains = reader.domains
         self._clock = clock
-        self._remembers = caching and reader.database.can_remember
+        self._caches = caching and reader.database.can_cache
         self._conditions = _QuestionKind(questions.conditions, questions.condition, "truths")
         self._expressions = _QuestionKind(questions.expressions, questions.expression, "values")
 
@@ -127,8 +127,8 @@ class Answers:
         """Return a value computed from the state at a time, cached by `name` if it has one; no caller may change it."""
         connection = self._database.checkout()
         try:
-            is_remembered = self._remembers and at is None and name is not None
-            memory = connection.memory(self._reader.kb) if is_remembered else None
+            is_cached = self._caches and at is None and name is not None
+            memory = connection.memory(self._reader.kb) if is_cached else None
             if memory is not None:
                 known: tuple[int, Computed[_Value]] | None = memory.computed.get(name)
                 if known is not None and known[0] <= self._clock.now() < known[1].until:
@@ -165,19 +165,19 @@ class Answers:
         """Return whether a question is known to take at most one statement, on a connection of this thread's own."""
         key = self._domains.latest.domain, question if type(question) is str else question_key(question)
         found = self._conditions.prepared.get(key) or self._expressions.prepared.get(key)
-        return self._database.is_local and self._remembers and found is not None and found.key is not None
+        return self._database.is_local and self._caches and found is not None and found.key is not None
 
     def _ask(self, form: _QuestionKind, question: Question, at: TimeLike | None, as_of: AsOf | None) -> Truth | float:
         name = question if type(question) is str else question_key(question)
         connection = self._database.checkout()
         try:
             answers = None
-            is_remembered = self._remembers and at is None and as_of is None
-            if is_remembered and (memory := connection.memory(self._reader.kb)) is not None:
-                answers = getattr(memory, form.remembered)
-                remembered = self._remembered(answers, name, self._clock.now())
-                if remembered is not None:
-                    return remembered
+            is_cached = self._caches and at is None and as_of is None
+            if is_cached and (memory := connection.memory(self._reader.kb)) is not None:
+                answers = getattr(memory, form.cached)
+                known = self._cached(answers, name, self._clock.now())
+                if known is not None:
+                    return known
             found = None
             if as_of is None and not isinstance(at, str):
                 # first the repository, then the prepared question: so it is not older than the repository has seen
@@ -198,7 +198,7 @@ class Answers:
             self._database.checkin(connection)
 
     @staticmethod
-    def _remembered(answers: LRU[Any, Any], name: object, now: int) -> _Answer | None:
+    def _cached(answers: LRU[Any, Any], name: object, now: int) -> _Answer | None:
         """Return the cached answer, if it is valid now."""
         known: _Found | None = answers.get(name)
         if known is None:
@@ -272,12 +272,12 @@ class Answers:
         names = [item if type(item) is str else question_key(item) for item in items]
         connection = self._database.checkout()
         try:
-            memory = connection.memory(self._reader.kb) if self._remembers and at is None else None
+            memory = connection.memory(self._reader.kb) if self._caches and at is None else None
             domain = self._domains.latest.domain
             if memory is not None and domain is not None:
                 # the cached answers are all of the latest commit; one reading of the clock makes them of one time
                 now = self._clock.now()
-                known = [self._remembered(memory.truths, name, now) for name in names]
+                known = [self._cached(memory.truths, name, now) for name in names]
                 if None not in known:
                     return query_result(items, [truth is Truth.TRUE for truth in known], SymbolTable(domain))
             with reader.repository() as repository:

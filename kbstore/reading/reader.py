@@ -131,7 +131,7 @@ class Reader:
     def world(self, repository: Repository, point: TemporalPoint, domain: Domain | None) -> LazyState | Snapshot:
         """Return an interpretation at a point for a few questions; a stored state is read only as far as they need."""
         if point.is_known_now:
-            past = self._remembered(repository, point) if point.is_settled else None
+            past = self._cached(repository, point) if point.is_settled else None
             if past is None:
                 return LazyState(repository, point.valid_time, domain, use_unknowns=self.use_unknowns)
             return past.snapshot
@@ -148,7 +148,7 @@ class Reader:
     def state(self, repository: Repository, point: TemporalPoint) -> State:
         """Return the state at a point."""
         symbols = self.symbols_at(repository, point)
-        data = self._remembered(repository, point) if point.is_settled else None
+        data = self._cached(repository, point) if point.is_settled else None
         if data is None:
             data = self._data(repository, point, symbols.domain)
             if point.is_settled:
@@ -195,7 +195,7 @@ class Reader:
         nothing = Snapshot(point.valid_time, (), symbols.domain, self.use_unknowns)
         return self.state_of(StateData(nothing, pending, []), symbols).timed_knowledge, symbols.domain
 
-    def _remembered(self, repository: Repository, point: TemporalPoint) -> StateData | None:
+    def _cached(self, repository: Repository, point: TemporalPoint) -> StateData | None:
         """Return a past state from the cache, unless late knowledge has reached its time since (rule L4)."""
         past = self._states.find(point.valid_time)
         if past is None or past.generation != repository.generation:

@@ -59,7 +59,7 @@ class Database:
         self.engine = self._connections.engine
         self.dialect = self.engine.dialect.name
         self.errors = DBAPIError, PoolTimeout, self.engine.dialect.loaded_dbapi.Error
-        self.is_local = self.can_remember = isinstance(self._connections, ThreadConnections)
+        self.is_local = self.can_cache = isinstance(self._connections, ThreadConnections)
         """Whether a question waits for no server; and whether connections can detect that nobody has committed."""
         self.checkout = self._connections.checkout
         self.checkin = self._connections.checkin
@@ -73,7 +73,7 @@ class Database:
         """
         if self._notifies and isinstance(self._connections, ServerConnections):
             self._connections.subscribe(kb)
-            self.can_remember = True
+            self.can_cache = True
 
     def forget_answers(self) -> None:
         """Forget the answers cached by notifications, as the store has gone back."""

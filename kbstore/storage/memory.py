@@ -158,7 +158,7 @@ class StoreMemory:
             token_of: reads the token of a transaction; None if it is not stored any more.
 
         Returns:
-            Whether the store has gone back; everything that was remembered is forgotten then.
+            Whether the store has gone back; everything that was cached is forgotten then.
 
         Raises:
             StoreWentBack: a transaction of this process is gone. It is raised once.

@@ -185,7 +185,7 @@ class Repository:
         parameters = {"kb": self._kb, "ids": self._connection.array(missing)}
         rows = self._connection.all(queries.timelines_by_id, parameters)
         for row in rows:
-            wanted[row[0]] = self._remember(row)
+            wanted[row[0]] = self._cached(row)
         return wanted
 
     def timelines_of(self, ids: Iterable[int]) -> list[Timeline]:
@@ -216,7 +216,7 @@ class Repository:
             stored = self._connection.array([stored_key(key) for key in missing])
             rows = self._connection.all(queries.timelines_by_key, parameters | {"keys": stored})
         for row in rows:
-            timeline = self._remember(row)
+            timeline = self._cached(row)
             found[timeline.key] = timeline
         return found
 
@@ -224,20 +224,20 @@ class Repository:
         """Return all timelines of a predicate or function, which is given by its key."""
         # the name ends the key, or a space follows it, which sorts before "!"
         parameters = {"kb": self._kb, "role": int(role), "kind": int(kind), "first": name, "last": f"{name}!"}
-        return [self._remember(row) for row in self._connection.all(queries.timelines_of_symbol, parameters)]
+        return [self._cached(row) for row in self._connection.all(queries.timelines_of_symbol, parameters)]
 
     def of_kind(self, role: Role, kind: KnowledgeType) -> list[Timeline]:
         """Return all timelines of a role and knowledge type."""
         rows = self._connection.all(queries.timelines_of_kind, {"kb": self._kb, "role": int(role), "kind": int(kind)})
-        return [self._remember(row) for row in rows]
+        return [self._cached(row) for row in rows]
 
     def mentioning(self, objects: Sequence[int]) -> list[Timeline]:
         """Return the timelines that mention some objects, given by the numbers of their INSTANCE timelines."""
         parameters = {"kb": self._kb, "ids": self._connection.array(objects)}
         unique = {row[0]: row for row in self._connection.all(queries.timelines_mentioning, parameters)}
-        return [self._remember(row) for row in unique.values()]
+        return [self._cached(row) for row in unique.values()]
 
-    def _remember(self, row: SqlRow) -> Timeline:
+    def _cached(self, row: SqlRow) -> Timeline:
         timeline = self._cache.by_id.find(row[0])
         if timeline is None:
             id, role, kind, key, spelling = row

@@ -7,7 +7,7 @@ parameter              default    what
 ``answer_timeout``     30 s       how long a server may say nothing before the connection is given up; the
                                   default follows `busy_timeout`, and is 5 s at least; ``none`` waits for ever
 ``schema``             none       the schema in which the tables are, as in ``kbstore.open(schema=...)``
-``notifications``      false      whether answers about now are remembered, as in ``kbstore.open(notifications=True)``
+``notifications``      false      whether answers about now are cached, as in ``kbstore.open(notifications=True)``
 ``prepare_threshold``  5          executions after which psycopg prepares a statement; ``none`` prepares nothing, which
                                   is the default behind a pooler
 =====================  =========  ============================================================================

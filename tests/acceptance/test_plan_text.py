@@ -376,7 +376,7 @@ def test_overdue_runs_are_left_alone(garden: KnowledgeBase, clock: ManualClock):
     """O3: nobody knows when they will end; they are not part of the problem either."""
     garden.start("water", "roses", duration=seconds(10))
     clock.advance(seconds(11))
-    assert "late by 1 s" in garden.to_pddl()
+    assert "overdue by 1 s" in garden.to_pddl()
     assert [str(step) for step, _ in execute(garden, read(garden, "2: (dig beans)"), clock.set)] == [
         "2: apply (Dig beans)"
     ]

@@ -242,5 +242,5 @@ class TestRunning:
         """A run whose expected end has passed is named, and no time is negative."""
         late = Run("go", ("kenny", "hall"), seconds(900), seconds(10))
         text = write_problem(State(running=[late]))
-        assert "; (go kenny hall) has been running for 100 s, its end is late by 90 s" in text
+        assert "; (go kenny hall) has been running for 100 s, its end is overdue by 90 s" in text
         assert "(at -" not in text

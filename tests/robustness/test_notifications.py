@@ -70,7 +70,7 @@ def listeners(raw, kb):
     return [row[0] for row in rows]
 
 
-def test_an_answer_is_remembered(listening, monkeypatch, postgresql_url, name):
+def test_an_answer_is_cached(listening, monkeypatch, postgresql_url, name):
     """The same question again needs no round trip; without the setting it needs one each time."""
     assert not listening.holds(OPEN)
     until(lambda: asked(listening, monkeypatch) == 0)

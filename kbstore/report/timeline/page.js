@@ -385,7 +385,7 @@ function explain(lane, row) {
     const isOpen = isRunning(row, belief), end = isOpen ? timeOf(belief) : row.ended;
     lines.push(lane.label, `${isOpen ? "running" : row.outcome}: from ${short(row.started)}, for ${span(end - row.started)} (expected: ${span(row.expected - row.started)})`, `started by ${who(row.from)}`);
     if (!isOpen) lines.push(`${row.outcome} by ${who(row.gone)}`);
-    if (end > row.expected) lines.push(`late by ${span(end - row.expected)}`);
+    if (end > row.expected) lines.push(`overdue by ${span(end - row.expected)}`);
     for (const [condition, since, until] of row.broken) lines.push(`invariant broken: ${condition}, from ${short(since)} ${until === null ? "on" : `until ${short(until)}`}`);
   } else if (lane && row) {
     const end = pieces(lane, belief).find((piece) => piece[2] === row)?.[1] ?? row[END] ?? Infinity, isGone = row[GONE] && row[GONE] <= belief;
