@@ -99,7 +99,7 @@ def postgresql_url() -> Iterator[str]:
 
 @contextmanager
 def _server() -> Iterator[str]:
-    """The URL of a server that is started for a while."""
+    """The URL of a server that runs inside the block."""
     with warnings.catch_warnings():
         # where the system names no runtime directory, the package warns that it takes one below /tmp
         warnings.simplefilter("ignore")
@@ -139,7 +139,7 @@ def store_url(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathF
 
 @pytest.fixture
 def clock() -> ManualClock:
-    """A clock that stands at `START`."""
+    """A clock set to `START`."""
     return ManualClock(START)
 
 
@@ -161,7 +161,7 @@ def open_kb(store_url, clock):
 
 @pytest.fixture
 def kb(open_kb):
-    """A knowledge base with the domain `rooms` and some objects, told at `START` in two transactions."""
+    """A knowledge base with the domain `rooms` and some objects, recorded at `START` in two transactions."""
     kb = open_kb()
     kb.load(DOMAIN)
     kb.add(*OBJECTS)

@@ -4,7 +4,7 @@ import multiprocessing
 import time
 
 _context = multiprocessing.get_context("forkserver")
-# what kbstore and its libraries import when it is first used is named, too: each process would import it for itself
+# modules that kbstore and its libraries import at first use are listed, too: each process would import them itself
 _context.set_forkserver_preload(
     [
         "kbstore.api",
@@ -43,17 +43,17 @@ def finish(*processes):
 
 
 def barrier(parties):
-    """Where started processes wait for each other."""
+    """A barrier at which started processes wait for each other."""
     return _context.Barrier(parties, timeout=TOO_LONG)
 
 
 def queue():
-    """What started processes answer through; room for a few thousand short answers."""
+    """A queue for the answers of started processes; it has room for a few thousand short ones."""
     return _context.SimpleQueue()
 
 
 def answers(source):
-    """What has been answered so far."""
+    """The answers so far."""
     found = []
     while not source.empty():
         found.append(source.get())

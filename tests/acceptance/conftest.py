@@ -27,13 +27,13 @@ BEGIN = seconds(1000)
 
 @pytest.fixture
 def clock() -> ManualClock:
-    """A clock that stands at `BEGIN`."""
+    """A clock set to `BEGIN`."""
     return ManualClock(BEGIN)
 
 
 @pytest.fixture
 def kb(clock: ManualClock) -> Iterator[KnowledgeBase]:
-    """An empty knowledge base in memory; what is asked of a store here does not depend on which one it is."""
+    """An empty knowledge base in memory; these tests do not depend on the store."""
     with kbstore.open("sqlite://", "loop", clock=clock) as opened:
         yield opened
 

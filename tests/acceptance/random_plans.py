@@ -1,4 +1,4 @@
-"""Random plans, made by trying what is applicable in a knowledge base and doing it."""
+"""Random plans, made by applying applicable actions in a knowledge base."""
 
 import random
 from collections.abc import Iterator
@@ -13,9 +13,9 @@ STEP = SECOND // 8
 
 
 def walk(kb: KnowledgeBase, clock: ManualClock, rng: random.Random, length: int, *, finish: bool = True) -> list[Step]:
-    """Do `length` random actions, several of them at once, each happening at a time of its own.
+    """Do `length` random actions, several of them at once, each step at a separate time.
 
-    Returns what was done, with times from the beginning of the walk. With `finish`, all that was started has ended.
+    Returns the steps, with times from the beginning of the walk. With `finish`, all runs have ended.
     """
     begin, busy = clock.now(), {item.initial_time for item in kb.timed_knowledge()}
     done: list[Step] = []
@@ -61,7 +61,7 @@ def walk(kb: KnowledgeBase, clock: ManualClock, rng: random.Random, length: int,
 
 
 def good_or_bad(kb: KnowledgeBase, clock: ManualClock, rng: random.Random) -> list[Step]:
-    """A plan for the tanks, good or bad: most actions are applicable when they begin; no two things are at one time."""
+    """A plan for the tanks, good or bad: most actions are applicable when they begin; no two steps are at one time."""
     begin, t, busy, steps = clock.now(), 0, set[int](), list[Step]()
     running: dict[tuple[str, ...], int] = {}
 
@@ -77,7 +77,7 @@ def good_or_bad(kb: KnowledgeBase, clock: ManualClock, rng: random.Random) -> li
         choices = [call for call in _calls(kb) if running.get((call[0], *call[1]), -1) < t]
         rng.shuffle(choices)
         likely = [call for call in choices if kb.applicable(call[0], *call[1])] if rng.random() < 0.8 else []
-        # what takes time has invariants to break
+        # durative actions have invariants to break
         lasting = rng.random() < 0.6
         name, names = min(likely or choices, key=lambda call: kb.domain.action(call[0]).durative != lasting)
         duration = None
@@ -88,7 +88,7 @@ def good_or_bad(kb: KnowledgeBase, clock: ManualClock, rng: random.Random) -> li
             duration = unused(t + rng.randint(4, 48) * STEP) - t
         running[name, *names] = t + (duration or 0)
         steps += timed_steps(name, names, t, duration)
-        with suppress(NotApplicable):  # so that what comes next is chosen knowing what this does
+        with suppress(NotApplicable):  # so that the next step is chosen knowing the effect of this one
             if duration is None:
                 kb.apply(name, *names)
             else:
@@ -97,7 +97,7 @@ def good_or_bad(kb: KnowledgeBase, clock: ManualClock, rng: random.Random) -> li
 
 
 def _choose(kb: KnowledgeBase, rng: random.Random) -> tuple[str, tuple[str, ...], int | None] | None:
-    """An operator that is applicable now and does not run yet, with its arguments and how long it is to take."""
+    """An operator that is applicable now and not running, with its arguments and duration."""
     state = kb.state()
     runs = {(run.operator, run.arguments) for run in state.running}
     choices = list(_calls(kb))
@@ -116,7 +116,7 @@ def _calls(kb: KnowledgeBase) -> Iterator[tuple[str, tuple[str, ...]]]:
 
 
 def _length(kb: KnowledgeBase, operator: str, arguments: tuple[str, ...], rng: random.Random) -> int | None:
-    """Nothing for what takes no time; what the domain fixes; or something from 2 to 6 seconds."""
+    """None for an instantaneous action; the fixed duration; or a random one from 2 to 6 seconds."""
     action = kb.domain.action(operator)
     if not action.durative:
         return None

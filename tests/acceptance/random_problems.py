@@ -1,6 +1,6 @@
 """Domains for random plans: classical with all of ADL, numeric, and temporal with continuous effects.
 
-Kairos plans linear continuous effects where what they move is read in one direction only; so do these.
+Kairos plans linear continuous effects only where the moved functions are read in one direction; these domains comply.
 """
 
 import random

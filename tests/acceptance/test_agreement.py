@@ -17,7 +17,7 @@ from tests.acceptance.random_plans import walk
 
 
 def assert_agreement(kb: KnowledgeBase, texts: tuple[str, str], steps: list[Step]) -> None:
-    """Every state between two steps, and the state expected at each step of when all that had begun has ended."""
+    """Every state between two steps, and the expected state at each step, agree with the validator."""
     domain, problem = texts
     scheduled = [item.initial_time - BEGIN for item in kb.state(at=BEGIN, as_of=BEGIN).timed_knowledge]
     plan = validator.plan_text(steps)
@@ -35,7 +35,7 @@ def assert_agreement(kb: KnowledgeBase, texts: tuple[str, str], steps: list[Step
 @pytest.mark.parametrize("seed", range(5))
 @pytest.mark.parametrize("world", ["lights", "jugs"])
 def test_random_walks_through_classical_and_numeric_worlds(kb: Any, clock: ManualClock, world: str, seed: int):
-    """O1, O2: what the store applied one after the other is a valid plan, and each state is that of the validator."""
+    """O1, O2: the sequence that the store applied is a valid plan, and each state is that of the validator."""
     texts = load(kb, world, seed)
     steps = walk(kb, clock, random.Random(seed), 12)
     assert_agreement(kb, texts, steps)
@@ -43,7 +43,7 @@ def test_random_walks_through_classical_and_numeric_worlds(kb: Any, clock: Manua
 
 @pytest.mark.parametrize("seed", range(8))
 def test_random_walks_through_a_temporal_world(kb: Any, clock: ManualClock, seed: int):
-    """O3: actions that overlap, contributions to one function that add up, effects at start, at end and continuous."""
+    """O3: overlapping actions, added contributions to one function, effects at start, at end and continuous."""
     texts = load(kb, "cranes", seed)
     steps = walk(kb, clock, random.Random(seed), 20)
     assert_agreement(kb, texts, steps)

@@ -1,4 +1,4 @@
-"""What is exported in the middle of a mission: other readers read it, and planners go on from it (P2, O4)."""
+"""Problems exported during a mission: other readers read them, and planners continue from them (P2, O4)."""
 
 import random
 from typing import Any
@@ -18,8 +18,8 @@ from tests.acceptance.random_plans import walk
 
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("world", ["lights", "jugs", "cranes"])
-def test_any_moment_is_read_by_the_planner(kb: KnowledgeBase, clock: ManualClock, world: str, seed: int):
-    """P2: the problem as of any moment in the past, with what ran then, is one that Kairos can read."""
+def test_the_problem_of_any_time_is_read_by_the_planner(kb: KnowledgeBase, clock: ManualClock, world: str, seed: int):
+    """P2: Kairos can read the problem as of any past time, with the runs of that time."""
     load(kb, world, seed)
     steps = walk(kb, clock, random.Random(seed), 12)
     domain = kairos.parse_domain(kb.domain_to_pddl())
@@ -31,7 +31,7 @@ def test_any_moment_is_read_by_the_planner(kb: KnowledgeBase, clock: ManualClock
 
 @pytest.mark.parametrize("seed", range(4))
 def test_waiting_leads_to_the_state_that_the_store_expects(kb: KnowledgeBase, clock: ManualClock, seed: int):
-    """O4: from the problem at t, by doing nothing, the validator comes to the state that was expected at t."""
+    """O4: from the problem at t, by waiting, the validator comes to the state that was expected at t."""
     domain, _ = load(kb, "cranes", seed)
     steps = walk(kb, clock, random.Random(seed), 16)
     lasting = 0
@@ -47,10 +47,10 @@ def test_waiting_leads_to_the_state_that_the_store_expects(kb: KnowledgeBase, cl
 
 @pytest.mark.parametrize("seed", range(5))
 def test_a_plan_from_the_middle_is_carried_out(kb: KnowledgeBase, clock: ManualClock, seed: int):
-    """O4: a plan for the problem as it stands, while several actions run, reaches its goal in the store.
+    """O4: a plan for the current problem, while several actions run, reaches its goal in the store.
 
-    All that is said of facts agrees on the way. Numbers do not have to: the problem has what a running action makes of
-    a function as its value at the end, whatever else is done to it meanwhile.
+    All facts agree on the way. Numbers do not have to: the problem has a running action's result for a function as its
+    value at the end, even if other actions change it meanwhile.
     """
     domain, _ = load(kb, "cranes", seed)
     walk(kb, clock, random.Random(seed), 9, finish=False)
@@ -76,7 +76,7 @@ def test_a_plan_from_the_middle_is_carried_out(kb: KnowledgeBase, clock: ManualC
 @pytest.mark.filterwarnings("ignore:.*deprecated - use:DeprecationWarning")
 @pytest.mark.parametrize("world", ["lights", "courier"])
 def test_unified_planning_reads_what_it_supports(kb: KnowledgeBase, clock: ManualClock, world: str, courier: Any):
-    """P2, O4: that library's own reader, given the text, and `to_problem` come to the same beginning and schedule."""
+    """P2, O4: that library's own reader of the text, and `to_problem`, give the same initial state and schedule."""
     if world == "courier":
         kb.load(courier.DOMAIN, courier.PROBLEM)
         kb.start("rinse", "centrifuge")
@@ -87,12 +87,12 @@ def test_unified_planning_reads_what_it_supports(kb: KnowledgeBase, clock: Manua
     read = PDDLReader().parse_problem_string(kb.domain_to_pddl(), kb.to_pddl())
     made = kb.to_problem()
 
-    def told(problem: Any) -> Any:
+    def parts(problem: Any) -> Any:
         timed = {str(t): sorted(map(str, effects)) for t, effects in problem.timed_effects.items()}
         values = {str(f): str(v) for f, v in problem.explicit_initial_values.items() if not v.is_false()}
         return timed, values, list(map(str, problem.goals)), {o.name: o.type.name for o in problem.all_objects}
 
-    assert told(read) == told(made)
+    assert parts(read) == parts(made)
     assert bool(made.timed_effects) == (world == "courier")
 
 

@@ -1,7 +1,7 @@
 """A mission replayed from its plan, and each of its states as a table written by hand (O1 to O3, Q2, T5).
 
-The rover's battery is moved by everything that it does: driving costs 2 at once and 0.5 a second, surveying 0.25 a
-second, and its panel gives 1.5 a second as long as it is day, which it is from 10 to 70 s.
+Every action moves the rover's battery: driving costs 2 at once and 0.5 a second, surveying 0.25 a second, and its panel
+gives 1.5 a second as long as it is day, which it is from 10 to 70 s.
 """
 
 import pytest
@@ -36,7 +36,7 @@ PROBLEM = """
   (:goal (and)))
 """
 
-# what is done, and when; ends and aborts find what runs in the state
+# the steps and their times; ends and aborts find their runs in the state
 PLAN = """
   5   start drive base ridge
   12  start sun 30
@@ -53,7 +53,7 @@ PLAN = """
   72  abort sun
 """
 
-# the state from a time on, until something happens or is asked again
+# the state from a time on, until the next event or question
 TABLE = """
   t    battery  odometer  lasted  running           facts
   0    50       0         -       -                 base
@@ -81,7 +81,7 @@ TABLE = """
   90   82       40        20      -                 ridge,surveyed
 """
 
-# what was expected at some times: of when that is past, late, or aborted in the meantime
+# expectations at some times: of times that are past, late, or after an abort
 BELIEFS = """
   as_of  t    battery  odometer  lasted  running           facts
   4      50   50       0         -       -                 base,day
@@ -126,7 +126,7 @@ def without(row, *headings):
 
 
 class Replay:
-    """Carries out the plan, line by line; in a store that outlives the process, it is reopened in the middle."""
+    """Carries out the plan, line by line; a store that outlives the process is reopened in the middle."""
 
     def __init__(self, open_kb, clock, *, can_reopen):
         self._open = open_kb
@@ -137,7 +137,7 @@ class Replay:
         self.kb.load(ROVER, PROBLEM)
 
     def until(self, t):
-        """Everything up to a time, which is now then."""
+        """Carry out everything up to a time, which is now then."""
         while self._left and float(self._left[0].split()[0]) <= t:
             self._do(*self._left.pop(0).split())
         self._clock.set(BEGIN + seconds(t))
@@ -169,7 +169,7 @@ class Replay:
                     self.kb = self._open(self.kb.name)
 
     def _running(self, operator):
-        """The run, as a process finds it that does not remember having started it."""
+        """The run, found by a process that did not start it."""
         (run,) = [run for run in self.kb.state().running if run.operator == operator]
         return run
 
@@ -180,7 +180,7 @@ def replay(open_kb, clock, store_url):
 
 
 def test_each_state_is_that_of_the_table(replay):
-    """O2, O3: right after each happening, and at any time between two."""
+    """O2, O3: right after each event, and at any time between two."""
     for row in rows(TABLE):
         replay.until(float(row["t"]))
         assert {"t": row["t"], **seen(replay.kb.state())} == row
@@ -199,7 +199,7 @@ def test_past_states_do_not_change(replay):
 
 
 def test_each_expectation_is_that_of_the_table(replay):
-    """O3, Q2: what was expected, asked when it was expected and asked when all was over."""
+    """O3, Q2: asked when it was expected, and asked at the end."""
     expectations = rows(BELIEFS)
     for row in expectations:
         replay.until(float(row["as_of"]))

@@ -1,4 +1,4 @@
-"""Plans as planners print them, and what runs when one begins."""
+"""Plans as planners print them, and runs that exist when a plan begins."""
 
 import time
 from dataclasses import replace
@@ -41,7 +41,7 @@ def read(kb: KnowledgeBase, text: str) -> list[Step]:
 
 
 def test_a_plan_with_times_is_read(garden: KnowledgeBase):
-    """Actions in any order and spelling, comments, exact decimals; what takes no time has no end."""
+    """Actions in any order and spelling, comments, exact decimals; an instantaneous action has no end."""
     text = """
     ; makespan 8
     2.500: (WATER beans) [5.25] ; by night
@@ -58,7 +58,7 @@ def test_a_plan_with_times_is_read(garden: KnowledgeBase):
 
 
 def test_a_plan_without_times_is_a_sequence(garden: KnowledgeBase):
-    """The order is that of the lines; an empty plan has nothing to do."""
+    """The order is that of the lines; an empty plan has no steps."""
     assert read(garden, "(dig beans)\r\n(Dig roses)\n") == [
         Step(APPLY, "Dig", ("beans",)),
         Step(APPLY, "Dig", ("roses",)),
@@ -67,13 +67,13 @@ def test_a_plan_without_times_is_a_sequence(garden: KnowledgeBase):
 
 
 def test_times_are_rounded_to_the_nanosecond(garden: KnowledgeBase):
-    """T1: a plan may be finer than a nanosecond; half of one goes to the even neighbour."""
+    """T1: a plan may be finer than a nanosecond; half of one is rounded to the even neighbour."""
     found = read(garden, "0.0000000014: (dig beans)\n0.0000000015: (dig beans)\n0.0000000025: (dig beans)")
     assert [step.at for step in found] == [1, 2, 2]
 
 
 def test_rounding_does_not_put_an_end_after_the_start_that_needs_it(garden: KnowledgeBase):
-    """A start and a duration in decimals may add up to more than what waits for the end was given as its time.
+    """A start and a duration in decimals may add up to more than the time of a step that waits for the end.
 
     An end is moved back by two nanoseconds at most, and never to its own start.
     """
@@ -122,7 +122,7 @@ def test_rounding_does_not_put_an_end_after_the_start_that_needs_it(garden: Know
     ],
 )
 def test_text_that_is_not_a_plan_is_refused(garden: KnowledgeBase, text: str, line: int, message: str):
-    """The error says which line, and what is expected."""
+    """The error has the line, and what is expected."""
     with pytest.raises(PddlSyntaxError, match=message) as refused:
         read(garden, text)
     assert refused.value.line == line
@@ -292,8 +292,8 @@ def test_a_plan_with_times_as_planners_print_it(garden: KnowledgeBase, text: str
 
 
 @pytest.mark.parametrize("text", [FF, FAST_DOWNWARD, POPF, LPG, ENHSP, TFD])
-def test_a_step_that_is_spoiled_is_refused_where_it_stands(garden: KnowledgeBase, text: str):
-    """P6: the text around a plan does not hide a mistake in it."""
+def test_a_malformed_step_is_refused_with_its_line(garden: KnowledgeBase, text: str):
+    """P6: the text around a plan does not hide an error in it."""
     lines = text.splitlines()
     number = next(i for i, line in enumerate(lines, 1) if "dig beans" in line.lower())
     for old, new in (("beans", "(beans"), ("BEANS", "(BEANS")):
@@ -320,13 +320,13 @@ def test_an_unknown_operator_among_the_steps_of_a_log_is_named(garden: Knowledge
         ";;;; Solution Found\n; Cost: 0.000\n",
     ],
 )
-def test_a_plan_that_has_nothing_to_do(garden: KnowledgeBase, text: str):
-    """P6: an empty plan that was found is not the same as none that was found."""
+def test_an_empty_plan(garden: KnowledgeBase, text: str):
+    """P6: an empty plan that was found differs from no plan."""
     assert read(garden, text) == []
 
 
-def test_only_what_a_planner_says_begins_another_plan(garden: KnowledgeBase):
-    """P6: a comment in a plan, whatever it says, takes nothing away."""
+def test_comments_do_not_begin_another_plan(garden: KnowledgeBase):
+    """P6: a comment in a plan, with any text, changes nothing."""
     assert read(garden, "(dig beans)\n; better solution found by hand\n(dig roses)") == SEQUENCE
 
 
@@ -342,7 +342,7 @@ def test_steps_are_executed(garden: KnowledgeBase, clock: ManualClock):
 
 @pytest.mark.parametrize("empty", [[], TimeTriggeredPlan([])])
 def test_earlier_runs_are_ended_at_their_expected_ends(garden: KnowledgeBase, clock: ManualClock, empty: Any):
-    """O4: the problem that a plan solves has the end effects of what runs; so has its execution."""
+    """O4: the problem that a plan solves has the end effects of runs; so has its execution."""
     garden.start("water", "roses", duration=seconds(10))
     clock.advance(seconds(4))
     (done,) = [(str(step), clock.now() - BEGIN) for step, _ in execute(garden, empty, clock.set)]
@@ -351,7 +351,7 @@ def test_earlier_runs_are_ended_at_their_expected_ends(garden: KnowledgeBase, cl
 
 
 def test_ends_come_before_starts_of_the_same_time(garden: KnowledgeBase, clock: ManualClock):
-    """O4: so that what has ended by then can be started again."""
+    """O4: an action that has ended by then can be started again."""
     garden.start("water", "roses", duration=seconds(10))
     plan = read(garden, "9: (dig beans)\n10: (WATER ROSES) [5]")
     assert [str(step) for step, _ in execute(garden, plan, clock.set)] == [
@@ -362,8 +362,8 @@ def test_ends_come_before_starts_of_the_same_time(garden: KnowledgeBase, clock: 
     ]
 
 
-def test_runs_that_others_have_ended_are_left_alone(garden: KnowledgeBase, clock: ManualClock):
-    """O3: somebody else may end or abort what ran before the plan."""
+def test_runs_ended_by_others_are_left_alone(garden: KnowledgeBase, clock: ManualClock):
+    """O3: another program may end or abort earlier runs."""
     run = garden.start("water", "roses", duration=seconds(10))
     executed = execute(garden, read(garden, "2: (dig beans)"), clock.set)
     next(executed)
@@ -373,7 +373,7 @@ def test_runs_that_others_have_ended_are_left_alone(garden: KnowledgeBase, clock
 
 
 def test_overdue_runs_are_left_alone(garden: KnowledgeBase, clock: ManualClock):
-    """O3: nobody knows when they will end; they are not part of the problem either."""
+    """O3: their end is not known; they are not part of the problem either."""
     garden.start("water", "roses", duration=seconds(10))
     clock.advance(seconds(11))
     assert "overdue by 1 s" in garden.to_pddl()
@@ -384,7 +384,7 @@ def test_overdue_runs_are_left_alone(garden: KnowledgeBase, clock: ManualClock):
 
 
 def test_a_plan_without_times_leaves_runs_alone(garden: KnowledgeBase, clock: ManualClock):
-    """A plan without times says nothing about when; the caller ends what runs."""
+    """A plan without times has no time for ends; the caller ends runs."""
     garden.start("water", "roses", duration=seconds(10))
     dig = garden.to_problem().action("Dig")
     plan = SequentialPlan([dig(garden.to_problem().object("beans"))])
@@ -401,7 +401,7 @@ def test_execution_stops_if_somebody_else_ends_its_run(garden: KnowledgeBase, cl
         next(executed)
 
 
-def test_a_plan_of_the_library_and_its_text_are_the_same_steps(garden: KnowledgeBase):
+def test_a_plan_of_the_library_and_its_text_have_the_same_steps(garden: KnowledgeBase):
     """The exact fractions of the one are the decimals of the other."""
     problem = garden.to_problem()
     roses = problem.object("roses")

@@ -1,4 +1,4 @@
-"""The loop: load, plan, execute, fail, export, plan again, finish; and back in time to before the failure."""
+"""The loop: load, plan, execute, fail, export, plan again, finish; and planning from before the failure."""
 
 from collections.abc import Callable
 from typing import Any
@@ -36,7 +36,7 @@ def initially(problem: Problem, fluent: str, *objects: str) -> Any:
 
 @pytest.fixture
 def wait(kb: KnowledgeBase, clock: ManualClock) -> Callable[[int], None]:
-    """Waits; whenever the schedule says that the door is open, a camera says that it is not."""
+    """A wait; whenever the schedule says that the door is open, a camera reports that it is not."""
 
     def waiting(t: int) -> None:
         clock.set(t)
@@ -48,7 +48,7 @@ def wait(kb: KnowledgeBase, clock: ManualClock) -> Callable[[int], None]:
 
 @pytest.fixture
 def failed(kb: KnowledgeBase, courier: Any, wait: Callable[[int], None]) -> list[tuple[int, str]]:
-    """The first plan, up to the door that stays shut; the problem's text after each step, as it was written then."""
+    """The first plan, up to the door that stays shut; the problem's text after each step."""
     kb.load(courier.DOMAIN, courier.PROBLEM)
     plan = plan_for(kb.to_problem())
     assert "pass" in operators(plan)
@@ -64,22 +64,22 @@ def failed(kb: KnowledgeBase, courier: Any, wait: Callable[[int], None]) -> list
 
 
 def test_the_example_runs(courier: Any, capsys: pytest.CaptureFixture[str]):
-    """The script tells the whole story: a failure, a second plan that reaches the goal, and states that agree."""
+    """The script prints the whole story: a failure, a second plan that reaches the goal, and states that agree."""
     courier.main()
-    told = capsys.readouterr().out
-    assert f"{OPEN} is false since 2026-05-04T07:01:00Z" in told
-    assert "; (rinse centrifuge) has been running for 60 s, its end is expected in 300 s" in told
-    assert "(analysed blood): reached" in told
+    output = capsys.readouterr().out
+    assert f"{OPEN} is false since 2026-05-04T07:01:00Z" in output
+    assert "; (rinse centrifuge) has been running for 60 s, its end is expected in 300 s" in output
+    assert "(analysed blood): reached" in output
     # once in the plan, once refused, and twice in the plans from before the failure
-    assert told.count("(pass kenny glass_door corridor lab)") == 4
-    verdicts = told[told.index("validator") :].splitlines()[2:]
+    assert output.count("(pass kenny glass_door corridor lab)") == 4
+    verdicts = output[output.index("validator") :].splitlines()[2:]
     assert len(verdicts) > 6
     assert all(line.startswith("  yes") for line in verdicts)
 
 
 @pytest.mark.usefixtures("failed")
 def test_a_failure_is_explained(kb: KnowledgeBase):
-    """V6, O1: who said so, and since when; the robot is where it was, with what the way left in the battery."""
+    """V6, O1: who recorded it, and since when; the robot's place, and the battery that the way left."""
     explained = kb.explain(OPEN)
     assert (explained.truth, explained.reason) == (Truth.FALSE, "explicitly false")
     assert explained.transaction is not None
@@ -92,7 +92,7 @@ def test_a_failure_is_explained(kb: KnowledgeBase):
 
 @pytest.mark.usefixtures("failed")
 def test_what_runs_is_part_of_the_problem_after_the_failure(kb: KnowledgeBase, wait: Callable[[int], None]):
-    """O4: the end effects of the centrifuge's rinsing are scheduled; the new plan counts on them, and they come."""
+    """O4: the end effects of the centrifuge's rinsing are scheduled; the new plan needs them, and they come."""
     (run,) = kb.state().running
     assert (run.operator, run.expected_end) == ("rinse", BEGIN + seconds(360))
     init = kb.to_pddl().split("(:init")[1]
@@ -110,26 +110,26 @@ def test_what_runs_is_part_of_the_problem_after_the_failure(kb: KnowledgeBase, w
 
 @pytest.mark.usefixtures("failed")
 def test_planning_from_a_moment_before_the_failure(kb: KnowledgeBase, wait: Callable[[int], None]):
-    """Q1, Q2, T5: after the end of the mission, one can still plan from any moment of it, as it stood or was expected.
+    """Q1, Q2, T5: after the end of the mission, one can still plan from any time of it, past or expected.
 
     A second before it was due to open, the door was shut and expected to open. As of then it was expected to be open a
-    second later; as of the camera's word, it was not. (Right after that the robot turned round, at the same time.)
+    second later; as of the camera's report, it was not. (Right after that the robot turned round, at the same time.)
     """
     (camera,) = [change.transaction for change in kb.changes() if change.transaction.client == "camera"]
     for _ in execute(kb, plan_for(kb.to_problem()), wait):
         pass
     failure, before = BEGIN + seconds(60), BEGIN + seconds(59)
-    as_it_stood = kb.to_problem(at=before)
-    assert not initially(as_it_stood, "open", "glass_door")
-    assert ["glass_door" in str(effects) for t, effects in as_it_stood.timed_effects.items() if t.delay == 1] == [True]
+    as_it_was = kb.to_problem(at=before)
+    assert not initially(as_it_was, "open", "glass_door")
+    assert ["glass_door" in str(effects) for t, effects in as_it_was.timed_effects.items() if t.delay == 1] == [True]
     as_expected = kb.to_problem(at=failure, as_of=before)
     assert initially(as_expected, "open", "glass_door")
     as_it_came = kb.to_problem(at=failure, as_of=camera)
     assert not initially(as_it_came, "open", "glass_door")
-    for problem in (as_it_stood, as_expected, as_it_came):
+    for problem in (as_it_was, as_expected, as_it_came):
         assert initially(problem, "robot_at", "kenny", "corridor")
         assert initially(problem, "battery", "kenny") == 30
-    assert ["pass" in operators(plan_for(p)) for p in (as_it_stood, as_expected, as_it_came)] == [True, True, False]
+    assert ["pass" in operators(plan_for(p)) for p in (as_it_was, as_expected, as_it_came)] == [True, True, False]
 
 
 def test_the_past_is_exported_as_it_was(kb: KnowledgeBase, wait: Callable[[int], None], failed: list[tuple[int, str]]):
@@ -145,9 +145,9 @@ def test_the_past_is_exported_as_it_was(kb: KnowledgeBase, wait: Callable[[int],
 
 
 def test_a_door_that_shuts_in_the_middle(kb: KnowledgeBase, courier: Any, clock: ManualClock):
-    """O3: an over-all condition that breaks is found by asking; the action is aborted, and the next plan starts there.
+    """O3: a broken over-all condition is found by asking; the action is aborted, and the next plan starts there.
 
-    What nobody knows has to be told: an aborted action leaves the robot nowhere until its localisation finds it.
+    An unknown place has to be reported: an aborted action leaves the robot nowhere until its localisation finds it.
     """
     kb.load(courier.DOMAIN, courier.PROBLEM)
     executed = execute(kb, plan_for(kb.to_problem()), clock.set)
@@ -186,7 +186,7 @@ def test_planning_takes_time(kb: KnowledgeBase, courier: Any, clock: ManualClock
 def test_the_validator_agrees_after_a_failure(
     kb: KnowledgeBase, courier: Any, wait: Callable[[int], None], failed: Any
 ):
-    """O3, O4: every state of the second plan is the one that the validator comes to from the exported problem."""
+    """O3, O4: every state of the second plan is the one that the validator computes from the exported problem."""
     begin, problem = kb.now(), kb.to_pddl()
     done = [step for step, _ in execute(kb, plan_for(kb.to_problem()), wait)]
     own = [step for step in done if step.operator != "rinse"]

@@ -1,4 +1,4 @@
-"""The validator of the planner Kairos and the store say the same of random plans, good and bad (O1, O3, O5 to O7).
+"""The validator of the planner Kairos and the store agree on random plans, good and bad (O1, O3, O5 to O7).
 
 A plan is carried out step by step. It is valid exactly if nothing was refused, no invariant broke and every at-end
 condition held; otherwise the validator rejects it, too, as far as it was carried out, for the same action and the same
@@ -25,14 +25,14 @@ CONDITION = re.compile(r"^  - (.*?) is (?:false|unknown)", re.MULTILINE)
 
 
 class Complaint(NamedTuple):
-    """What the store has against a plan at one time: actions with their conditions; and how many steps were taken."""
+    """The store's objections to a plan at one time: actions with their conditions; and the number of steps taken."""
 
     reasons: list[tuple[str, str]]
     steps: int
 
 
 def complaint(kb: KnowledgeBase, clock: ManualClock, steps: list[Step]) -> Complaint | None:
-    """Carry out a plan, and return the first thing that the store has against it."""
+    """Carry out a plan, and return the store's first objection."""
     taken = 0
     try:
         for step, outcome in execute(kb, steps, clock.set):
@@ -42,7 +42,7 @@ def complaint(kb: KnowledgeBase, clock: ManualClock, steps: list[Step]) -> Compl
     except NotApplicable as refusal:
         if "the plan is stopped" not in str(refusal):
             reasons = [(named(steps[taken]), text) for text in CONDITION.findall(str(refusal))]
-            # what was started although it was expected to break, too: the validator names one of them
+            # actions started although they were expected to break, too: the validator names one of them
             reasons += [(named(run), text) for run in kb.state().running for text in run.forced]
             return Complaint(reasons, taken + 1)
         reasons = [(named(run), broken.condition) for run in kb.state().running for broken in kb.broken(run)]
@@ -51,7 +51,7 @@ def complaint(kb: KnowledgeBase, clock: ManualClock, steps: list[Step]) -> Compl
 
 
 def as_the_validator_says(action: str, condition: str) -> list[str]:
-    """A condition that fails; a negative one as what is true, and some with the parameter of the action."""
+    """A failing condition in the validator's form: a negative one as the true fact, some with their parameter."""
     lifted = condition.replace(action.strip("()").split()[-1], "?t")
     negated = condition.removeprefix("(not ").removesuffix(")")
     return [f"{condition} is false", f"{negated} is true", f"{lifted}: ", f"{lifted} with ?t"]
@@ -62,7 +62,7 @@ def named(step: Step | Run) -> str:
 
 
 def diagnostics(domain: str, problem: str, steps: list[Step]) -> list[str]:
-    """What the validator has against a plan; its goal does not matter."""
+    """The validator's objections to a plan; its goal does not matter."""
     options = kairos.ValidateOptions()
     options.epsilon = 0.0
     plan = kairos.parse_plan(validator.plan_text(steps))
@@ -71,7 +71,7 @@ def diagnostics(domain: str, problem: str, steps: list[Step]) -> list[str]:
 
 
 @pytest.mark.parametrize("seed", range(PLANS))
-def test_the_store_and_the_validator_say_the_same_of_a_plan(seed: int, clock: ManualClock, kb: Any):
+def test_the_store_and_the_validator_agree_on_a_plan(seed: int, clock: ManualClock, kb: Any):
     """O1, O3, O5 to O7: accepted by both, or rejected by both for the same action and condition."""
     texts = load(kb, "tanks", seed)
     rng = random.Random(seed)

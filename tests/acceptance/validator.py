@@ -2,9 +2,9 @@
 
 Two ways to ask it whether a state of the store is the one that a plan leads to:
 
-- a *witness* is an action added to the domain whose precondition is everything that the state says; a plan with the
-  witness at some time is valid exactly if all of that holds then, also while other actions run;
-- a *prefix* of a plan is validated against a problem whose goal is everything that the state says.
+- a *witness* is an action added to the domain whose precondition is the whole state; a plan with the witness
+  at some time is valid exactly if all of that holds then, also while other actions run;
+- a *prefix* of a plan is validated against a problem whose goal is the whole state.
 
 Numbers agree within the validator's tolerance of 1e-6.
 """
@@ -25,7 +25,7 @@ _WORD = re.compile(r"[^\s()]+")
 
 
 def everything(state: State, *, numbers: bool = True) -> Iterator[str]:
-    """Each fact that holds in a state, each that does not, and each number that is defined unless told not to."""
+    """Each fact that holds in a state, each that does not, and each defined number unless excluded."""
     assert state.domain is not None
     for signature in state.domain.predicate_signatures.values():
         objects = [sorted({o for t in p.types for o in state.objects(t)}) for p in signature.parameters]
@@ -55,9 +55,9 @@ def plan_text(steps: Iterable[Step]) -> str:
 
 
 def complaints(domain: str, problem: str, plan: str) -> list[str]:
-    """What the validator says against a plan; nothing if it is valid.
+    """The validator's objections to a plan; empty if it is valid.
 
-    What happens at one time may interfere: the store orders it.
+    Steps at one time may interfere: the store orders them.
     """
     options = kairos.ValidateOptions()
     options.epsilon = 0.0
@@ -73,7 +73,7 @@ def with_goal(problem: str, goal: Iterable[str]) -> str:
 def disagreements(
     domain: str, problem: str, plan: str, states: Mapping[int, State], *, numbers: bool = True
 ) -> list[str]:
-    """What the validator says against a plan, and against states at times (in nanoseconds) of the plan."""
+    """The validator's objections to a plan, and to states at times (in nanoseconds) of the plan."""
     witnesses, lines = [], [plan]
     for number, (at, state) in enumerate(states.items()):
         objects = state.objects()
@@ -94,6 +94,6 @@ def _renamed(names: Mapping[str, str], word: re.Match[str]) -> str:
 
 
 def between(steps: Sequence[Step], others: Iterable[int] = ()) -> list[int]:
-    """A time after each step and before the next one, and before whatever happens at `others`; in nanoseconds."""
+    """A time after each step and before the next one, and before each of the times `others`; in nanoseconds."""
     times = sorted({step.at for step in steps if step.at is not None} | {0, *others})
     return [(a + b) // 2 for a, b in zip(times, [*times[1:], times[-1] + SECOND], strict=True) if b - a > 1000]

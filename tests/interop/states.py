@@ -32,7 +32,7 @@ def state(
     constraints: Sequence[str] = (),
     at: float = 0,
 ) -> Any:
-    """A state as far as a problem is made of it; times are in seconds, those of `timed` from time 0 on."""
+    """A state, as far as a problem needs it; times are in seconds, those of `timed` from time 0 on."""
     domain = read_domain(f"{head} {actions})")
     items = [parse_item(text, domain) for text in init]
     words = objects.split()

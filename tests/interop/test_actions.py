@@ -88,7 +88,7 @@ def test_effects_of_every_form():
     assert found == expected
 
 
-def test_the_moments_of_a_durative_action():
+def test_the_times_of_a_durative_action():
     """Conditions and effects at start, over all and at end; a continuous effect lasts, and a loss is a decrease."""
     problem, found = translate(
         """(:durative-action act :parameters (?m - mover ?p - place) :duration (= ?duration (speed))
@@ -137,7 +137,7 @@ def test_duration_intervals(constraint: str, lower: int, upper: int, opened: tup
 
 
 def test_a_fixed_duration_is_written_out():
-    """``?duration`` has no counterpart; one that the domain fixes is written out where nothing changes it."""
+    """``?duration`` has no counterpart; a fixed duration is written out where nothing changes it."""
     problem, found = translate(
         """(:durative-action act :parameters (?m - mover) :duration (= ?duration (* 2 (speed)))
           :condition (at start (>= (battery ?m) ?duration))
@@ -152,7 +152,7 @@ def test_a_fixed_duration_is_written_out():
 
 
 def test_a_fixed_duration_that_changes_is_known_at_the_start():
-    """At the start the functions of a fixed duration are those that it is made of, whatever changes them later."""
+    """The functions of a fixed duration have their values at the start, also if they change later."""
     _, found = translate(
         """(:durative-action act :parameters () :duration (= ?duration (speed)) :condition ()
           :effect (and (at start (increase (total-cost) ?duration)) (at end (assign (speed) 1))))"""
@@ -184,7 +184,7 @@ def test_effects_nest():
 
 
 def test_parameters_of_an_either_type_are_narrowed():
-    """D1: a parameter takes the common supertype, and a condition that it is one of the objects of either type."""
+    """D1: a parameter gets the common supertype, and a condition that it is one of the objects of either type."""
     problem, found = translate(
         "(:action act :parameters (?m - (either robot truck)) :effect (open))",
     )
@@ -210,8 +210,8 @@ def test_quantifiers_over_an_either_type_are_spelled_out():
     assert [(effect.fluent, effect.forall) for effect in found.effects] == [(here[0], (robot,)), (here[1], (truck,))]
 
 
-def test_variables_that_hide_others_get_names_of_their_own():
-    """An inner variable of a name that is in use is another one."""
+def test_variables_that_hide_others_are_renamed():
+    """An inner variable with a name that is in use is renamed."""
     problem, found = translate(
         """(:action act :parameters (?p - place) :precondition (exists (?p - place) (visited ?p))
           :effect (forall (?p - place) (when (open) (forall (?p - mover) (at ?p depot)))))"""
@@ -261,8 +261,8 @@ def test_variables_that_hide_others_get_names_of_their_own():
         ("(:action act :parameters () :effect (and (assign (speed) 1) (assign (speed) 2)))", "conflict"),
     ],
 )
-def test_what_has_no_counterpart_is_refused(act: str, named: str):
-    """What the library cannot express is a clear error that names the operator and the thing."""
+def test_parts_without_a_counterpart_are_refused(act: str, named: str):
+    """A part that the library cannot express is an error that names the operator and the part."""
     rule = "(:derived (near ?p - place) (exists (?q - place) (path ?p ?q)))"
     head = HEAD.replace("(open)", "(open) (near ?p - place)")
     with pytest.raises(InvalidKnowledge, match=named) as caught:
@@ -270,8 +270,8 @@ def test_what_has_no_counterpart_is_refused(act: str, named: str):
     assert all("the operator act" in violation for violation in caught.value.violations)
 
 
-def test_everything_that_is_refused_is_reported_together():
-    """One error names all that has no counterpart."""
+def test_all_refused_parts_are_reported_together():
+    """One error names all parts without a counterpart."""
     soft = "(:action {} :parameters () :precondition (preference soft (open)) :effect (open))"
     with pytest.raises(InvalidKnowledge) as caught:
         to_problem(state(soft.format("one") + soft.format("two"), init=[], metric="minimize (+ (total-time) 1)"))

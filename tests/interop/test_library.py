@@ -27,7 +27,7 @@ def test_the_library_is_imported_when_it_is_used():
 
 
 def test_a_library_that_is_missing_is_a_clear_error(monkeypatch: pytest.MonkeyPatch):
-    """Without the library the error says what to install, and is an ImportError, too."""
+    """The error is an ImportError that says what to install."""
     monkeypatch.setitem(sys.modules, "unified_planning.shortcuts", None)
     with pytest.raises(KbStoreError, match=r"pip install 'kbstore\[planning\]'") as caught:
         to_problem(state())

@@ -113,7 +113,7 @@ def rover() -> Problem:
 
 
 def test_a_problem_is_loaded(kb: KnowledgeBase):
-    """P7: objects, facts, numbers, what is scheduled, goals, constraints and metric, in their own names."""
+    """P7: objects, facts, numbers, timed knowledge, goals, constraints and metric, with their names."""
     kb.load(rover())
     state = kb.state()
     assert sorted(map(str, state.instances)) == ["hill - site", "pit - site", "r1 - rover"]
@@ -157,7 +157,7 @@ def test_its_actions_are_applied(kb: KnowledgeBase, clock: ManualClock):
 
 
 def test_in_a_transaction_and_with_replace(kb: KnowledgeBase):
-    """P7, P3: as with texts; a problem has its domain in it."""
+    """P7, P3: as with texts; the problem includes its domain."""
     with kb.transaction() as tx:
         tx.load(rover())
         assert tx.holds("(at r1 base)")
@@ -175,8 +175,8 @@ def test_an_independent_reader_reads_its_text():
     kairos.parse_problem(problem, kairos.parse_domain(domain))
 
 
-def test_what_was_exported_is_loaded_again(kb: KnowledgeBase, clock: ManualClock):
-    """P7: to_problem() and load() are each other's reverse."""
+def test_an_exported_problem_is_loaded_again(kb: KnowledgeBase, clock: ManualClock):
+    """P7: to_problem() and load() are inverse."""
     kb.load(
         """(define (domain d) (:types robot place) (:predicates (at_ ?r - robot ?p - place) (open ?p - place))
         (:functions (battery ?r - robot))
@@ -195,7 +195,7 @@ def test_what_was_exported_is_loaded_again(kb: KnowledgeBase, clock: ManualClock
 
 
 def test_costs_and_gains_become_a_metric(kb: KnowledgeBase):
-    """P7: costs of actions are a function total-cost; gains of goals are preferences, what is lost is minimized."""
+    """P7: costs of actions are a function total-cost; gains of goals are preferences, whose loss is minimized."""
     problem = Problem("costs")
     x, y = Fluent("x"), Fluent("y")
     problem.add_fluents([x, y])
@@ -221,7 +221,7 @@ def test_costs_and_gains_become_a_metric(kb: KnowledgeBase):
 
 
 def test_a_contingent_problem_is_kept(clock: ManualClock):
-    """P7, P4: what is unknown, and what is observed."""
+    """P7, P4: its unknowns, and its observations."""
     kb = kbstore.open("sqlite://", "kenny", clock=clock, use_unknowns=True)
     problem = ContingentProblem("wumpus")
     p, q, r = Fluent("p"), Fluent("q"), Fluent("r")
@@ -239,8 +239,8 @@ def test_a_contingent_problem_is_kept(clock: ManualClock):
     assert kb.domain.actions["look"].observe is not None
 
 
-def test_what_pddl_cannot_say_is_refused_together(kb: KnowledgeBase):
-    """P1, P7: all of it is named, and nothing is loaded."""
+def test_parts_without_pddl_are_refused_together(kb: KnowledgeBase):
+    """P1, P7: all parts are named, and nothing is loaded."""
     problem = Problem("odd")
     thing = UserType("thing")
     flag = Fluent("flag", BoolType(), on=BoolType())
@@ -293,7 +293,7 @@ JUDGED_OTHERWISE = {
 
 @pytest.mark.parametrize("name", EXAMPLES)
 def test_the_librarys_examples_are_loaded_or_refused(kb: KnowledgeBase, name: str):
-    """P7: each with the reason; of a loaded one each valid plan is carried out, and reaches the goal."""
+    """P7: each refusal has its reason; each valid plan of a loaded one is carried out, and reaches the goal."""
     example = EXAMPLES[name]
     if name in REFUSED:
         with pytest.raises(InvalidKnowledge, match=REFUSED[name]):

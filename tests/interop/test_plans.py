@@ -62,7 +62,7 @@ def test_a_time_triggered_plan_starts_and_ends(problem: Any):
 
 
 def test_ends_come_before_starts_of_the_same_time(problem: Any):
-    """A start may need what an end brings about; an action without length ends after its own start."""
+    """A start may need the effect of an end; an action without length ends after its own start."""
     plan = TimeTriggeredPlan(
         [
             (Fraction(5), go(problem, "wp1", "wp0"), Fraction(0)),
@@ -80,18 +80,18 @@ def test_ends_come_before_starts_of_the_same_time(problem: Any):
 
 
 def test_other_plans_are_refused(problem: Any):
-    """A plan that is only partly ordered is named, with what to do."""
+    """A partially ordered plan is refused by its kind, with what to do."""
     with pytest.raises(InvalidKnowledge, match=r"PartialOrderPlan.*convert_to"):
         steps(PartialOrderPlan({look(problem, "wp0"): []}))
 
 
 class Recorder:
-    """Stands for a knowledge base: writes down what it is told, and when."""
+    """A stand-in for a knowledge base that records its calls, and when."""
 
     def __init__(self, clock: ManualClock, refuses: str = "") -> None:
         self.clock = clock
         self.refuses = refuses
-        self.told: list[tuple[Any, ...]] = []
+        self.calls: list[tuple[Any, ...]] = []
 
     def now(self) -> int:
         return self.clock.now()
@@ -102,23 +102,23 @@ class Recorder:
     def apply(self, operator: str, *arguments: str) -> str:
         if operator == self.refuses:
             raise NotApplicable(operator)
-        self.told.append((self.now(), "apply", operator, *arguments))
-        return f"transaction {len(self.told)}"
+        self.calls.append((self.now(), "apply", operator, *arguments))
+        return f"transaction {len(self.calls)}"
 
     def start(self, operator: str, *arguments: str, duration: int) -> Run:
-        self.told.append((self.now(), "start", operator, *arguments, duration))
+        self.calls.append((self.now(), "start", operator, *arguments, duration))
         return Run(operator, arguments, self.now(), duration)
 
     def broken(self, run: Run) -> list[Any]:
         return []
 
     def end(self, run: Run) -> str:
-        self.told.append((self.now(), "end", run))
-        return f"transaction {len(self.told)}"
+        self.calls.append((self.now(), "end", run))
+        return f"transaction {len(self.calls)}"
 
 
 def test_a_plan_is_executed_at_its_times(problem: Any):
-    """Steps are done at their times from now on; each comes with what the knowledge base answered."""
+    """Steps are done at their times from now on; each is returned with the answer of the knowledge base."""
     clock = ManualClock(seconds(100))
     knowledge_base = Recorder(clock)
     plan = TimeTriggeredPlan(
@@ -127,7 +127,7 @@ def test_a_plan_is_executed_at_its_times(problem: Any):
     run = Run("go", ("kenny", "wp0", "wp1"), seconds(101), seconds(4))
     happened = [(step.happening, outcome) for step, outcome in execute(knowledge_base, plan, clock.set)]
     assert happened == [(START, run), (APPLY, "transaction 2"), (END, "transaction 3")]
-    assert knowledge_base.told == [
+    assert knowledge_base.calls == [
         (seconds(101), "start", "go", "kenny", "wp0", "wp1", seconds(4)),
         (seconds(102), "apply", "Look", "wp0"),
         (seconds(105), "end", run),
@@ -135,19 +135,19 @@ def test_a_plan_is_executed_at_its_times(problem: Any):
 
 
 def test_steps_without_times_are_not_waited_for(problem: Any):
-    """A sequential plan is carried out one step at each turn, at whatever time it is."""
+    """The steps of a sequential plan are carried out one at each turn, at any time."""
     clock = ManualClock(seconds(100))
     knowledge_base = Recorder(clock)
     carried_out = execute(knowledge_base, SequentialPlan([look(problem, "wp1"), look(problem, "wp0")]), clock.set)
     next(carried_out)
     clock.advance(seconds(3))
-    assert len(knowledge_base.told) == 1
+    assert len(knowledge_base.calls) == 1
     next(carried_out)
-    assert knowledge_base.told[1] == (seconds(103), "apply", "Look", "wp0")
+    assert knowledge_base.calls[1] == (seconds(103), "apply", "Look", "wp0")
 
 
 def test_a_step_that_is_refused_ends_the_execution(problem: Any):
-    """O3: the error is the knowledge base's own, and nothing after it is done."""
+    """O3: the error is the knowledge base's own, and later steps are not carried out."""
     clock = ManualClock()
     knowledge_base = Recorder(clock, refuses="Look")
     plan = TimeTriggeredPlan(
@@ -155,7 +155,7 @@ def test_a_step_that_is_refused_ends_the_execution(problem: Any):
     )
     with pytest.raises(NotApplicable):
         list(execute(knowledge_base, plan, clock.set))
-    assert [told[1] for told in knowledge_base.told] == ["start"]
+    assert [call[1] for call in knowledge_base.calls] == ["start"]
 
 
 ROUNDED = """
@@ -178,7 +178,7 @@ def rounded() -> Any:
 
 @pytest.mark.parametrize("printed", ["6.667", "6.666"])
 def test_a_rounded_duration_is_the_one_that_the_domain_fixes(rounded: Any, printed: str):
-    """O7: a plan is carried out whatever it was rounded to: 20 / 3 s fill exactly 20, and the end is when that is."""
+    """O7: a plan is carried out with any rounding: 20 / 3 s fill exactly 20, and the end is at that time."""
     clock = rounded._clock
     done = list(execute(rounded, read_plan(f"0.0: (fill) [{printed}]", rounded.domain), clock.set))
     assert [step.happening for step, _ in done] == [START, END]
@@ -196,14 +196,14 @@ def test_a_duration_rounded_across_a_bound_is_within_it(rounded: Any):
 
 
 def test_a_duration_that_is_not_rounded_is_refused(rounded: Any):
-    """O7: what differs by more than a millisecond is another duration; nothing starts."""
+    """O7: a difference of more than a millisecond is another duration; nothing starts."""
     with pytest.raises(NotApplicable, match="duration"):
         list(execute(rounded, read_plan("0.0: (fill) [6.6]", rounded.domain), rounded._clock.set))
     assert rounded.runs() == []
 
 
 def test_execution_stops_where_an_invariant_is_broken(rounded: Any):
-    """O6: before the next step the broken condition is named; the run is left running, unless told to go on."""
+    """O6: before the next step the broken condition is named; the run stays running, unless told to continue."""
     plan = read_plan("0.0: (fill) [6.667]", rounded.domain)
     carried_out = execute(rounded, plan, rounded._clock.set)
     next(carried_out)
@@ -250,15 +250,15 @@ def test_a_later_step_may_prevent_an_expected_break(tank: Any, clock: ManualCloc
 
 
 @pytest.mark.parametrize("plan", ["0: (fill) [8]", "0: (fill) [8]\n7: (vent)", "0: (fill) [10]\n5: (vent)"])
-def test_what_nothing_prevents_is_refused_at_the_start(tank: Any, clock: ManualClock, plan: str):
-    """O6, O7: nothing comes before the break; and a duration that the domain does not allow stays refused."""
+def test_a_break_that_no_step_prevents_is_refused_at_the_start(tank: Any, clock: ManualClock, plan: str):
+    """O6, O7: no step comes before the break; and a duration that the domain does not allow stays refused."""
     with pytest.raises(NotApplicable, match=r"\(fill\) is not applicable"):
         list(execute(tank, read_plan(plan, tank.domain), clock.set))
     assert tank.runs() == []
 
 
-def test_what_breaks_at_the_end_of_a_run_does_not_stop_the_plan(clock: ManualClock):
-    """O6: two actions end at one time, and the first end breaks what the second needed until then."""
+def test_a_break_at_the_end_of_a_run_does_not_stop_the_plan(clock: ManualClock):
+    """O6: two actions end at one time, and the first end breaks an invariant that the second needed until then."""
     domain = """
     (define (domain d) (:predicates (sealed) (done))
       (:durative-action hold :parameters () :duration (= ?duration 4)

@@ -45,7 +45,7 @@ def written(condition):
     ],
 )
 def test_conditions_as_trees(condition, tree):
-    """PlanSys2 evaluates a negated conjunction wrongly, so that negations stand before atoms."""
+    """PlanSys2 evaluates a negated conjunction wrongly, so negations are moved to the atoms."""
     assert text(written(condition)) == tree
 
 
@@ -58,12 +58,12 @@ def test_conditions_as_trees(condition, tree):
     ],
 )
 def test_a_tree_reads_back_as_the_condition(condition):
-    """What is written is read as the same condition; a PARAMETER has its name among its parameters."""
+    """A written tree is read as the same condition; a PARAMETER has its name among its parameters."""
     assert condition_text(read(written(condition))) == condition
 
 
 @pytest.mark.parametrize("condition", ["(forall (?p - place) (at r ?p))", "r - robot"])
-def test_what_a_tree_cannot_carry(condition):
+def test_conditions_without_a_tree_are_refused(condition):
     """It is refused, as PlanSys2 would not evaluate it."""
     with pytest.raises(InvalidKnowledge, match="PlanSys2's messages cannot carry"):
         written(condition)

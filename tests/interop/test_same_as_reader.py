@@ -31,7 +31,7 @@ PROBLEM = f"""
 
 @pytest.fixture(scope="module")
 def problems() -> tuple[Any, Any]:
-    """The problem as made here, and as read there; in lower case, as the library's reader does not keep it."""
+    """The problem as made here, and as read there; in lower case, as the library's reader does not keep the case."""
     given = state(
         ACTIONS,
         head=HEAD.lower(),

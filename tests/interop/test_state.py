@@ -28,7 +28,7 @@ from tests.interop.states import state
 
 
 def test_timed_knowledge_is_relative_to_the_state():
-    """P3's counterpart: what is scheduled becomes timed effects, at its time less the state's."""
+    """P3: timed knowledge becomes timed effects, at its time less the state's."""
     problem = to_problem(state(timed={12.5: "(open)", 60: "(not (open))", 13: "(= (speed) 0.5)"}, at=10))
     effects = {timing: effect for timing, (effect,) in problem.timed_effects.items()}
     assert set(effects) == {GlobalStartTiming(Fraction(5, 2)), GlobalStartTiming(50), GlobalStartTiming(3)}
@@ -38,7 +38,7 @@ def test_timed_knowledge_is_relative_to_the_state():
 
 
 def test_runs_become_timed_effects_at_their_expected_ends():
-    """O4: the end effects of what runs are timed effects at the expected end."""
+    """O4: the end effects of runs are timed effects at the expected ends."""
     run = "(go kenny wp0 wp1)"
     problem = to_problem(state(ends=[(40, "(at kenny wp1)", run), (40, "(not (open))", run)], at=10))
     ((timing, effects),) = problem.timed_effects.items()
@@ -46,8 +46,8 @@ def test_runs_become_timed_effects_at_their_expected_ends():
     assert [str(effect) for effect in effects] == ["At(kenny, wp1) := true", "open := false"]
 
 
-def test_a_function_that_runs_move_stands_still_in_the_problem():
-    """O3, O4: a function that runs move stands still until their ends, where it has the values expected then."""
+def test_a_function_moved_by_runs_is_constant_until_their_ends():
+    """O3, O4: such a function has a constant value until their ends, where it has the values expected then."""
     ends = [(20, "(= (battery kenny) 70)", "(go)"), (30, "(= (battery kenny) 65)", "(shine)")]
     moving = state(init=["(= (battery kenny) 80)"], ends=ends)
     moving.functions[0] = moving.functions[0].changed(rate=-1.0)
@@ -66,7 +66,7 @@ def test_a_function_that_runs_move_stands_still_in_the_problem():
 
 
 def test_of_several_effects_at_one_time_the_last_counts():
-    """V1: of what is said of one thing and one time, the later stands; an end effect comes after what is scheduled."""
+    """V1: of two effects on one fluent at one time, the later counts; an end effect comes after the schedule."""
     ends = [(5, "(= (speed) 2)", "(go)"), (5, "(= (speed) 3)", "(go)"), (5, "(not (open))", "(go)")]
     problem = to_problem(state(timed={5: "(open)"}, ends=ends))
     ((_, effects),) = problem.timed_effects.items()
@@ -74,7 +74,7 @@ def test_of_several_effects_at_one_time_the_last_counts():
 
 
 def test_goals_of_every_form():
-    """C10: facts, negative facts, comparisons, and what is kept as a condition in PDDL."""
+    """C10: facts, negative facts, comparisons, and conditions kept as PDDL."""
     goals = ["(visited wp0)", "(not (OPEN))", "(> (battery kenny) (+ (speed) 1))"]
     kept = "(or (open) (exists (?p - place) (at kenny ?p)))"
     problem = to_problem(state(goals=[*goals, Condition(text=kept)]))
@@ -89,7 +89,7 @@ def test_goals_of_every_form():
 
 
 def test_metrics():
-    """The makespan, and the final value of an expression, as small or as great as can be."""
+    """The makespan, and the final value of an expression, minimized or maximized."""
     (makespan,) = to_problem(state(metric="minimize (total-time)")).quality_metrics
     assert makespan == MinimizeMakespan()
     problem = to_problem(state(metric="minimize (total-cost)"))
@@ -102,13 +102,13 @@ def test_metrics():
 
 @pytest.mark.parametrize("metric", ["maximize (total-time)", "minimize (+ (total-time) (speed))"])
 def test_metrics_without_a_counterpart_are_refused(metric: str):
-    """What the library cannot express is a clear error that names it."""
+    """A part that the library cannot express is an error that names it."""
     with pytest.raises(InvalidKnowledge, match=r"the metric .*total-time"):
         to_problem(state(metric=metric))
 
 
 def test_a_metric_that_counts_preferences_is_refused():
-    """It is named beside the preference itself, and what else is refused."""
+    """It is named beside the preference itself, and other refused parts."""
     with pytest.raises(InvalidKnowledge) as caught:
         to_problem(state(goals=[Condition(text="(preference a (open))")], metric="minimize (is-violated a)"))
     goal, metric = caught.value.violations
@@ -117,7 +117,7 @@ def test_a_metric_that_counts_preferences_is_refused():
 
 
 def test_constraints():
-    """PDDL 3.0: constraints on the course of a plan that the library has words for."""
+    """PDDL 3.0: the trajectory constraints that the library can express."""
     constraints = [
         "(always (not (open)))",
         "(sometime-before (visited wp0) (visited wp1))",
@@ -139,7 +139,7 @@ def test_constraints():
     ["(within 10 (open))", "(preference soft (always (open)))", "(at end (open))", "(hold-after 3 (open))"],
 )
 def test_constraints_without_a_counterpart_are_refused(constraint: str):
-    """What the library cannot express is a clear error that names it."""
+    """A part that the library cannot express is an error that names it."""
     with pytest.raises(InvalidKnowledge) as caught:
         to_problem(state(constraints=[constraint]))
     assert constraint in str(caught.value)
@@ -151,8 +151,8 @@ def test_goals_without_a_counterpart_are_refused():
         to_problem(state(goals=[Condition(text="(preference soft (open))")]))
 
 
-def test_functions_that_move_are_refused():
-    """C7: the initial state of a problem holds still; a function with a rate is named."""
+def test_moving_functions_are_refused():
+    """C7: functions are constant in the initial state of a problem; one with a rate is named."""
     moving = state(init=["(= (speed) 1)", "(= (battery kenny) 80)"])
     moving.functions[1] = moving.functions[1].changed(rate=-0.5)
     with pytest.raises(InvalidKnowledge, match=r"\(= \(battery kenny\) 80\): it moves by -0\.5 per second"):
@@ -163,8 +163,8 @@ def test_functions_that_move_are_refused():
         to_problem(scheduled)
 
 
-def test_objects_that_come_or_go_are_refused():
-    """C9: the objects of a problem are always there; one that is scheduled is named."""
+def test_scheduled_objects_are_refused():
+    """C9: the objects of a problem always exist; a scheduled one is named."""
     coming = state()
     coming.timed_knowledge = [
         Instance(instance_name="wp7", instance_type="place", initial_time=5),
@@ -176,7 +176,7 @@ def test_objects_that_come_or_go_are_refused():
 
 
 def test_a_metric_that_is_scheduled_is_refused():
-    """C11: the metric of a problem stays as it is."""
+    """C11: the metric of a problem does not change."""
     changing = state()
     changing.timed_knowledge = [Expression(optimization="minimize", initial_time=5)]
     with pytest.raises(InvalidKnowledge, match="the metric of a"):
@@ -184,7 +184,7 @@ def test_a_metric_that_is_scheduled_is_refused():
 
 
 def test_recorded_inequalities_are_left_out():
-    """C11: a recorded inequality is a statement; it changes nothing in a problem."""
+    """C11: a recorded inequality is a statement, without effect in a problem."""
     stated = state(timed={5: "(> (speed) 1)"})
     assert to_problem(stated).timed_effects == {}
     assert isinstance(state(init=["(= (speed) 1)"]).functions[0], Function)

@@ -16,7 +16,7 @@ UNTYPED = """
 
 
 def test_types_keep_their_hierarchy():
-    """A subtype has its parent as father; what is below ``object`` has none, unless something is an ``object``."""
+    """A subtype has its parent as father; a type below ``object`` has none, unless something is an ``object``."""
     problem = to_problem(state())
     types = {user_type.name: user_type for user_type in problem.user_types}
     assert set(types) == {"Robot", "truck", "mover", "place"}
@@ -24,7 +24,7 @@ def test_types_keep_their_hierarchy():
     assert types["mover"].father is None
 
 
-def test_the_type_object_is_made_where_something_is_of_it():
+def test_the_type_object_exists_where_it_is_used():
     """A predicate, an object or a quantifier of the type ``object`` makes it the root of all types."""
     head = "(define (domain d) (:types robot) (:predicates (seen ?x) (at ?r - robot))"
     problem = to_problem(state(head=head, objects="kenny - robot"))
@@ -44,7 +44,7 @@ def test_untyped_domains_are_of_objects():
 
 
 def test_names_are_spelled_as_the_domain_spells_them():
-    """D3: names are compared without case here, and with case there; the domain's spelling is taken."""
+    """D3: names are compared without case here, and with case there; they are written as in the domain."""
     problem = to_problem(state(init=["(AT KENNY WP0)", "(at kenny DEPOT)", "(= (Battery Kenny) 3)"]))
     at, kenny = problem.fluent("At"), problem.object("kenny")
     assert problem.initial_value(at(kenny, problem.object("wp0"))).is_true()
@@ -72,14 +72,14 @@ def test_numbers_are_the_decimals_that_they_are_written_as(text: str, exact: Fra
 
 
 def test_undefined_functions_stay_undefined():
-    """V5: an undefined function is never 0."""
+    """V5: an undefined function is not 0."""
     problem = to_problem(state(init=["(= (battery kenny) 3)"]))
     assert problem.initial_value(problem.fluent("speed")) is None
     assert problem.kind.has_undefined_initial_numeric()
 
 
 def test_a_domain_may_use_one_name_for_several_things():
-    """A predicate, an operator, a type and an object of one name are told apart, as PDDL does, without a warning."""
+    """A predicate, an operator, a type and an object may share a name, as in PDDL, without a warning."""
     head = "(define (domain d) (:types open - object) (:predicates (open ?o - open))"
     act = "(:action open :parameters (?o - open) :effect (open ?o))"
     problem = to_problem(state(act, head=head, objects="open - open", init=["(open open)"]))
@@ -89,7 +89,7 @@ def test_a_domain_may_use_one_name_for_several_things():
 
 
 def test_a_predicate_of_an_either_type_takes_the_common_supertype():
-    """D1: what a predicate may speak of has one type there; the facts are the same."""
+    """D1: a parameter has one type there; the facts are the same."""
     head = """(define (domain d) (:types a b - ab ab c - object)
       (:predicates (p ?x - (either a b)) (q ?x - (either a c)) (r ?x - (either b ab)))"""
     problem = to_problem(state(head=head, objects="x - a y - b z - c", init=["(p y)", "(q z)"]))
@@ -99,7 +99,7 @@ def test_a_predicate_of_an_either_type_takes_the_common_supertype():
 
 
 def test_a_type_of_several_parents_is_refused():
-    """What has no counterpart is a clear error that names it."""
+    """The error names the type."""
     head = "(define (domain d) (:types a b - object ab - (either a b)) (:predicates (p ?x - ab))"
     with pytest.raises(InvalidKnowledge, match=r"ab.*\(either a b\)"):
         to_problem(state(head=head, objects=""))

@@ -1,6 +1,6 @@
 """A browser: Chromium without a window, driven by Selenium (extra `browser`), where both are installed.
 
-`make test-browser` installs them; with KBSTORE_TEST_BROWSER it is an error if one is missing.
+`make test-browser` installs them; with KBSTORE_TEST_BROWSER a missing one is an error.
 """
 
 import json
@@ -31,7 +31,7 @@ class Browser:
         self._directory = directory
 
     def open(self, text, view=""):
-        """Open a page; it has no error, and asks for nothing but itself."""
+        """Open a page, which must have no error, and request only itself."""
         path = self._directory / "page.html"
         path.write_text(text, encoding="utf-8")
         self.driver.get("about:blank")
@@ -99,11 +99,11 @@ class Browser:
 
     def errors(self):
         messages = [entry["message"] for entry in self.driver.get_log("browser")]
-        # advice for who reads pixels, as `colours` does
+        # Selenium's advice for reading pixels, as `colours` does
         return [message for message in messages if "willReadFrequently" not in message]
 
     def requested(self):
-        """The addresses that were asked for."""
+        """The requested addresses."""
         messages = [json.loads(entry["message"])["message"] for entry in self.driver.get_log("performance")]
         return [
             message["params"]["request"]["url"]

@@ -1,4 +1,4 @@
-"""The page of a timeline in a real browser: what it shows, what it does, and what it must not do."""
+"""The page of a timeline in a real browser: its content, its controls, and its safety."""
 
 import os
 import time
@@ -26,7 +26,7 @@ def kenny():
 
 @pytest.fixture
 def shown(browser, kenny):
-    """The page of the demonstration; in the end nothing has gone wrong, and nothing was asked for elsewhere."""
+    """The page of the demonstration; at the end there were no errors, and no other requests."""
     browser.errors()
     browser.requested()
     yield browser.open(kenny.timeline())
@@ -62,8 +62,8 @@ def test_the_page_shows_the_state(browser, kenny, seed):
         assert objects == sorted(map(str, state.instances)), (t, tx)
 
 
-def test_the_state_stands_beside_the_lanes(shown):
-    """At the cursor, with what runs; and as of a transaction what was expected."""
+def test_the_state_is_shown_beside_the_lanes(shown):
+    """At the cursor, with runs; with `as_of` the expected state."""
     shown.jump(after("09:02:00"), 26)
     assert "2026-05-04 09:02:00 UTC" in shown.text("#at")
     assert {"(not (open lab_door))", "(robot_at kenny corridor)"} <= set(shown.text("#state").splitlines())
@@ -75,7 +75,7 @@ def test_the_state_stands_beside_the_lanes(shown):
 
 
 def test_the_slider_moves_the_belief(shown):
-    """The slider ends at what is known now, and each step before is a transaction."""
+    """The slider's end is the latest knowledge, and each step before is a transaction."""
     slider = "const slider = document.querySelector('#asof');"
     assert shown.run(f"{slider} return [slider.min, slider.max, slider.value]") == ["0", "26", "26"]
     shown.run(f"{slider} slider.value = 7; slider.dispatchEvent(new Event('input'))")
@@ -114,7 +114,7 @@ def test_groups_fold(shown):
 
 
 def test_a_click_explains(shown):
-    """Who recorded it, when and why it ended: a fact, a cancelled schedule, an action, a transaction."""
+    """Who recorded it, when and why it ended: for a fact, a cancelled schedule, an action, a transaction."""
     shown.click(after("09:02:00"), "(open lab_door)")
     assert shown.text("#explain").splitlines()[::2] == [
         "(not (open lab_door))",
@@ -136,7 +136,7 @@ def test_a_click_explains(shown):
 
 
 def test_lanes_are_drawn(shown):
-    """What holds is solid, explicitly false in another colour, what was scheduled is hatched, the rest empty."""
+    """True is solid, explicitly false in another colour, scheduled is hatched, absent is empty."""
     ground, cursor = shown.colours(after("08:58:30"), "(open lab_door)", 1)[0], after("09:09:10")
     (true,), (false,) = (set(shown.colours(after(t), "(open lab_door)", 20)) for t in ("09:05:00", "09:02:00"))
     assert len({ground, true, false}) == 3
@@ -175,7 +175,7 @@ def test_keys(shown):
 
 
 def test_hostile_names_are_text(browser):
-    """Names, clients and notes with markup in them are shown as they are, and do nothing."""
+    """Names, clients and notes with markup in them are shown as text, and have no effect."""
     nasty = "<img src=x onerror=alert(1)></script><script>document.title='gone'</script>"
     with kbstore.open("sqlite://", nasty, clock=ManualClock(START)) as kb:
         kb.add("(p a)", client=nasty, note=f"{nasty}\u2028<!--")
@@ -193,7 +193,7 @@ def test_hostile_names_are_text(browser):
 
 
 def test_an_empty_page(browser):
-    """A knowledge base that was told nothing has a page without errors."""
+    """The page of an empty knowledge base has no errors."""
     with kbstore.open("sqlite://", "empty", clock=ManualClock(START)) as kb:
         browser.errors()
         browser.open(kb.timeline())
@@ -222,7 +222,7 @@ def many(assertions=50_000, lanes=700):
 
 
 def test_fifty_thousand_assertions(browser, capsys):
-    """The page of an hour with 50,000 assertions works; how long the picture and the cursor take is printed."""
+    """The page of an hour with 50,000 assertions works; the times of drawing and of moving the cursor are printed."""
     text = page(many())
     browser.errors()
     begin = time.perf_counter()
@@ -250,7 +250,7 @@ def test_fifty_thousand_assertions(browser, capsys):
 
 
 def test_all_lanes_are_on_paper(shown):
-    """Printed, also from a dark screen: all lanes at their full height, dark on white, without what only hands need."""
+    """In print, also from a dark screen, all lanes have their full height, dark on white, without controls."""
     screen = shown.run("return document.querySelector('canvas').clientHeight")
     shown.run("document.querySelector('#fold').click(); document.querySelector('#fold').click()")
     shown.emulate(prefers_color_scheme="dark")
@@ -270,7 +270,7 @@ def test_all_lanes_are_on_paper(shown):
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_the_picture(shown, scheme, tmp_path):
-    """The picture of the README is made here where KBSTORE_TEST_PICTURE names a file, and is below 200 kB."""
+    """The README's picture is made here where KBSTORE_TEST_PICTURE names a file, and is below 200 kB."""
     shown.emulate(prefers_color_scheme=scheme)
     shown.jump(after("09:02:00"), 26)
     shown.click(after("09:02:00"), "(open lab_door)")

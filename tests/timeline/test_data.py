@@ -1,4 +1,4 @@
-"""The data of a timeline: with them, a reader who knows the rules computes each state, as of each transaction."""
+"""The data of a timeline: a reader who knows the rules can compute each state from them, as of each transaction."""
 
 import json
 
@@ -46,7 +46,7 @@ def test_every_state_follows_from_the_rows(seed):
 
 @pytest.mark.parametrize("seed", range(8))
 def test_the_states_of_a_span_follow_from_its_rows(seed):
-    """The same from a time within a life on: what was on record then counts, and the time before is not asked for."""
+    """The same from a later time on: assertions on record then count, and the time before is not needed."""
     with world(seed) as kb:
         changes = list(kb.changes())
         since = changes[len(changes) // 2].time
@@ -59,7 +59,7 @@ def test_the_states_of_a_span_follow_from_its_rows(seed):
 
 @pytest.mark.parametrize("seed", range(8))
 def test_an_archived_beginning_is_not_shown(seed, tmp_path):
-    """Q7: the timeline begins where the history that is kept does, and is right from there on."""
+    """Q7: the timeline begins where the kept history does, and is right from there on."""
     with world(seed, url=f"sqlite:///{tmp_path / 'k.db'}") as kb:
         changes = list(kb.changes())
         before = changes[len(changes) // 2].time
@@ -70,14 +70,14 @@ def test_an_archived_beginning_is_not_shown(seed, tmp_path):
         for t, tx in pairs(kb, data, 60, seed):
             number = data["latest"] + 1 if tx is None else tx.number
             assert read(data, number, t - before) == said(kb.state(t, as_of=tx)), (t, number)
-        # who recorded what is shown is known, also where that was before
+        # the transactions of what is shown are known, also where they were before
         known = {tx[0] for tx in data["transactions"]}
         assert {row[3] for row in data["rows"]} <= known
         assert str(before) in kb.timeline()
 
 
 def test_the_latest_transactions_are_shown():
-    """With `most`, a long life begins where so many are left."""
+    """With `most`, a long timeline begins where that many transactions are left."""
     clock = ManualClock(START)
     with kbstore.open("sqlite://", "long", clock=clock) as kb:
         for number in range(20):
@@ -90,7 +90,7 @@ def test_the_latest_transactions_are_shown():
 
 
 def test_rows_say_who_recorded_ended_and_cancelled(kenny):
-    """The lab door: scheduled by 1, closed by 11, opened by 14, which also cancelled its closing and set another."""
+    """The lab door: scheduled by 1, closed by 11, opened by 14, which also moved its scheduled closing."""
     data = timeline_data(kenny, ["(open ?)"])
     lanes = [data["groups"][group] + (label,) for group, label, _ in data["lanes"]]
     door = lanes.index(("fact", "open", "lab_door"))
@@ -106,7 +106,7 @@ def test_rows_say_who_recorded_ended_and_cancelled(kenny):
 
 
 def test_late_knowledge_supersedes():
-    """L8: p held from 0 on; that it was false from 10 s to 20 s is learned at 30 s, and replaces the row by three."""
+    """L8: p held from 0 on; that it was false from 10 s to 20 s is recorded at 30 s, and replaces the row by three."""
     clock, second = ManualClock(START), 10**9
     with kbstore.open("sqlite://", "late", clock=clock) as kb:
         kb.add("(p)")
@@ -130,7 +130,7 @@ def test_runs_have_their_invariants(kenny):
 
 
 def test_goals_have_the_spans_in_which_they_were_reached(kenny):
-    """The blood was delivered at 09:05, and stays so; the linen was never."""
+    """The blood was delivered at 09:05, and stays so; the linen never was."""
     data = timeline_data(kenny, ["delivered"])
     labels = [label for _, label, _ in data["lanes"]]
     reached = {labels[lane]: spans for lane, spans in data["reached"]}
@@ -139,7 +139,7 @@ def test_goals_have_the_spans_in_which_they_were_reached(kenny):
 
 
 def test_patterns_choose_lanes(kenny):
-    """A word matches a symbol or an object, several words the whole atom; objects come along, for their ends."""
+    """A word matches a symbol or an object, several words the whole atom; objects are included, for their ends."""
 
     def chosen(*patterns):
         data = timeline_data(kenny, patterns)
@@ -151,8 +151,8 @@ def test_patterns_choose_lanes(kenny):
     assert chosen("(nothing)") == set()
 
 
-def test_a_span_leaves_out_what_was_over(kenny):
-    """With since and until, what ended before or begins after is left out, and the first beliefs with it."""
+def test_a_span_leaves_out_other_times(kenny):
+    """Assertions that ended before `since` or begin after `until` are left out, and the first beliefs with them."""
     since, until = moment("09:04:00"), moment("09:05:00")
     data = timeline_data(kenny, since=since, until=until)
     origin = int(data["origin"])
@@ -166,7 +166,7 @@ def test_a_span_leaves_out_what_was_over(kenny):
 
 
 def test_the_span_ends_where_the_history_does():
-    """With now if that is within as much time again; a recording of last year is not squeezed into its first pixel."""
+    """It includes now if that is within as much time again; last year's recording still fills the page."""
     clock = ManualClock(START)
     with kbstore.open("sqlite://", "old", clock=clock) as kb:
         kb.add("(p)")
@@ -177,7 +177,7 @@ def test_the_span_ends_where_the_history_does():
 
 
 def test_as_of_is_the_number_of_a_transaction(kenny):
-    """A time stands for the last transaction until then, one that is not before now for what is known now."""
+    """A time means the last transaction until then; a time from now on means the latest knowledge."""
     assert timeline_data(kenny, as_of=moment("09:00:45"))["as_of"] == 10
     assert timeline_data(kenny, as_of=moment("08:00:00"))["as_of"] == 0
     assert timeline_data(kenny, as_of=kenny.now())["as_of"] is None
@@ -185,14 +185,14 @@ def test_as_of_is_the_number_of_a_transaction(kenny):
 
 
 def test_expectations_are_for_the_latest_transactions(kenny):
-    """Older ones have none, and the data say from which on they have."""
+    """Older ones have none, and the data have the first number that has them."""
     data = timeline_data(kenny, expectations=5)
     assert data["known_from"] == 21
     assert {row[3] for row in data["expected"]} == {22, 24}
 
 
 def test_an_empty_knowledge_base_has_an_empty_timeline():
-    """No transaction, no lane, and the span is now."""
+    """There are no transactions and no lanes, and the span is now."""
     with kbstore.open("sqlite://", "empty", clock=ManualClock(START)) as kb:
         data = timeline_data(kb)
         assert (data["latest"], data["lanes"], data["origin"], data["until"]) == (0, [], str(START), 0)

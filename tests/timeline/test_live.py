@@ -1,4 +1,4 @@
-"""The live page in a real browser: what is recorded arrives, and the cursor follows."""
+"""The live page in a real browser: new transactions arrive, and the cursor follows."""
 
 import time
 
@@ -21,7 +21,7 @@ def store(tmp_path):
 
 @pytest.fixture
 def live(browser, store):
-    """The page, and the knowledge base that is told; nothing has gone wrong, nothing was asked for elsewhere."""
+    """The page, and its knowledge base; at the end there were no errors, and no other requests."""
     browser.errors()
     browser.requested()
     with kbstore.open(store, "kenny") as kb, running(store) as address:
@@ -34,7 +34,7 @@ def live(browser, store):
 
 
 def eventually(is_so):
-    """Wait until something is so; it is within some seconds."""
+    """Wait until a condition is true, within some seconds."""
     for _ in range(200):
         if is_so():
             return True
@@ -42,8 +42,8 @@ def eventually(is_so):
     return False
 
 
-def test_what_is_recorded_arrives(live):
-    """New lanes, ends, transactions: without a reload, and the slider stays at what is known now."""
+def test_new_transactions_arrive(live):
+    """New lanes, ends, transactions: without a reload, and the slider stays at the latest knowledge."""
     page, kb = live
     assert eventually(lambda: page.text("#connection") == "live")
     kb.add("(lit cellar)", client="somebody", note="a new lamp")
@@ -56,7 +56,7 @@ def test_what_is_recorded_arrives(live):
 
 
 def test_the_cursor_follows_now_until_it_is_moved(live):
-    """A click leaves it where it is; the button lets it follow again."""
+    """After a click it stays; the button lets it follow again."""
     page, kb = live
     first = page.text("#at")
     assert eventually(lambda: page.text("#at") > first)
@@ -73,7 +73,7 @@ def test_the_cursor_follows_now_until_it_is_moved(live):
 
 
 def test_a_recording_of_another_day_is_not_left(browser, tmp_path):
-    """The page shows its last moment; who wants to see now asks for it."""
+    """The page shows the last time of the recording; the button leads to now."""
     record(f"sqlite:///{tmp_path / 'k.db'}").close()
     with running(tmp_path / "k.db") as address:
         browser.visit(address)
@@ -83,8 +83,8 @@ def test_a_recording_of_another_day_is_not_left(browser, tmp_path):
         browser.visit("about:blank")
 
 
-def test_who_looks_at_a_belief_goes_on_looking_at_it(live):
-    """New transactions lie to its right."""
+def test_a_selected_belief_stays_selected(live):
+    """New transactions are to the right of it."""
     page, kb = live
     page.jump(10**9, 1)
     kb.add("(lit cellar)")
@@ -94,7 +94,7 @@ def test_who_looks_at_a_belief_goes_on_looking_at_it(live):
 
 
 def test_folded_groups_stay_folded(live):
-    """What arrives opens nothing that somebody has closed; a map to which something happens is a map no more."""
+    """New transactions unfold no group; a group of constant facts with a change is no longer one."""
     page, kb = live
 
     def lanes():
@@ -108,7 +108,7 @@ def test_folded_groups_stay_folded(live):
 
 
 def test_hostile_names_that_arrive_are_text(live):
-    """As in the first picture: they are shown, and do nothing."""
+    """As on the first page: they are shown as text, and have no effect."""
     page, kb = live
     kb.add("(<b>bold</b> <i>x</i> &amp)", client=NASTY, note=NASTY)
     assert eventually(lambda: "(<b>bold</b> <i>x</i> &amp)" in page.text("#state"))
@@ -119,7 +119,7 @@ def test_hostile_names_that_arrive_are_text(live):
 
 
 def test_a_list_of_hostile_names_is_text(browser, tmp_path):
-    """Several knowledge bases are listed, each with a link that leads to its page."""
+    """Several knowledge bases are listed, each with a link to its page."""
     for name in (NASTY, "a/b?c&d"):
         kbstore.open(tmp_path / "k.db", name).close()
     browser.errors()
@@ -136,12 +136,12 @@ def test_a_list_of_hostile_names_is_text(browser, tmp_path):
     assert browser.errors() == []
 
 
-def test_a_server_that_stops_is_come_back_to(browser, store):
-    """The page says so."""
+def test_the_page_reconnects_to_a_restarted_server(browser, store):
+    """The page shows that the connection is lost."""
     with running(store) as address:
         browser.visit(address)
         assert eventually(lambda: browser.text("#connection") == "live")
     assert eventually(lambda: browser.text("#connection") == "connecting again")
     browser.visit("about:blank")
-    # that nobody answers is on the console
+    # the failed connection is on the console
     browser.errors()

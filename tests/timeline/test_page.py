@@ -1,4 +1,4 @@
-"""The page of a timeline as a text: what is in it, and what no name can do to it."""
+"""The page of a timeline as text: its content, and its safety against names."""
 
 import json
 import re
@@ -19,8 +19,8 @@ def kenny():
         yield kb
 
 
-def test_json_ends_no_script():
-    """What a name contains is escaped, and is the same when read again."""
+def test_json_does_not_end_the_script():
+    """Names are escaped, and are the same when read again."""
     text = as_json({"names": HOSTILE})
     assert re.fullmatch(r"[ -~]*", text)
     assert not set("<>&") & set(text)
@@ -28,7 +28,7 @@ def test_json_ends_no_script():
 
 
 def test_a_page_has_its_data_once():
-    """The data stand where the page reads them, whatever they contain."""
+    """The data are where the page reads them, with any content."""
     text = page({"name": "/*DATA*/ /*CSS*/ </script>"})
     assert text.count("/*DATA*/ /*CSS*/") == 1
     assert text.count("</script>") == 2
@@ -37,7 +37,7 @@ def test_a_page_has_its_data_once():
 
 
 def test_a_page_refers_to_nothing_elsewhere():
-    """No address is in it but those of its own parts, and its policy allows no connection."""
+    """It has no addresses but those of its own parts, and its policy allows no connection."""
     text = page({})
     assert not re.findall(r"https?:|//\w+\.|url\(|@import|\bimport\b|fetch\(|XMLHttp|EventSource", text)
     assert "default-src 'none'" in text
@@ -50,7 +50,7 @@ def test_the_script_is_short():
 
 
 def test_timeline_writes_the_page_that_it_returns(kenny, tmp_path):
-    """`kb.timeline` takes times as any question does (rule T2), and writes where it is told to."""
+    """`kb.timeline` takes times like any question (rule T2), and writes to the given file."""
     path = tmp_path / "kenny.html"
     text = kenny.timeline(
         path, patterns=["battery"], since="2026-05-04T09:00:00Z", until=moment("09:05:00"), as_of="-1m"

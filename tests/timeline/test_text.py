@@ -32,15 +32,15 @@ def lane(lines, label):
 
 @pytest.mark.parametrize("width", [40, 80, 200])
 def test_no_line_is_wider_than_the_terminal(kenny, width):
-    """From 40 columns on, whatever the lanes are called."""
+    """From 40 columns on, with any names of lanes."""
     assert max(map(len, drawn(timeline_data(kenny), width)[1:-2])) <= width
 
 
-def test_lanes_show_what_held_and_what_lies_ahead(kenny):
-    """The door as of 09:00:45: open, ahead until 09:10, and explicitly false from then on."""
+def test_lanes_show_past_and_schedule(kenny):
+    """The door as of 09:00:45: open, scheduled open until 09:10, and explicitly false from then on."""
     data = timeline_data(kenny, ["(open ?)"], as_of=moment("09:00:45"))
     door = lane(drawn(data, 85), "lab_door")
-    # 17 minutes in 68 columns of 15 s; as of 09:00:40, in a column that shows what lies ahead
+    # 17 minutes in 68 columns of 15 s; as of 09:00:40, in a column that shows the schedule
     assert door == "█" * 2 + "▒" * 38 + "░" * 20
     assert "as of transaction 10" in drawn(data, 120)[0]
 
@@ -56,8 +56,8 @@ def test_the_signs_of_runs_goals_and_numbers(kenny):
     assert any(line.startswith("unchanged: dock_at (1), path (6)") for line in lines)
 
 
-def test_a_line_tells_the_times(kenny):
-    """Below the heading, each time is from the column on in which it is: the door opens at 09:00, in its column."""
+def test_a_line_shows_the_times(kenny):
+    """Below the heading, each time begins at its column: the door opens at 09:00, in its column."""
     lines = drawn(timeline_data(kenny), 120)
     times = lines[1]
     assert times.split() == ["08:58", "09:00", "09:02", "09:04", "09:06", "09:08", "09:10", "09:12", "09:14"]
@@ -75,26 +75,26 @@ def test_a_line_tells_the_times(kenny):
     ],
 )
 def test_the_times_are_round(length, expected):
-    """Seconds, minutes, hours or dates, as dense as 60 columns can have."""
+    """Seconds, minutes, hours or dates, as dense as 60 columns allow."""
     assert axis(moment("08:58:00"), length * 10**9, 60).split() == expected
     assert len(axis(moment("08:58:00"), length * 10**9, 60)) <= 60
 
 
 @pytest.mark.parametrize("length", [0, 1, 10**18])
 def test_the_times_of_any_span_fit(length):
-    """From nothing to thirty years."""
+    """From an empty span to thirty years."""
     assert len(axis(moment("08:58:00"), length, 60)) <= 60
 
 
 def test_long_labels_lose_their_middle(kenny):
-    """On 60 columns two actions that begin alike can be told apart."""
+    """On 60 columns two actions with a common beginning are distinguishable."""
     lines = drawn(timeline_data(kenny), 60)
     labels = [line[:30].strip() for line in lines if line.strip().startswith("(pass")]
     assert labels == ["(pass_door k…corridor lab)", "(pass_door k…lab corridor)"]
 
 
-def test_a_number_says_how_far_it_goes(kenny):
-    """From 3.5 to 63.5 percent (worked out in the mission's tests); one that is constant has one value."""
+def test_a_number_shows_its_range(kenny):
+    """From 3.5 to 63.5 percent (worked out in the mission's tests); a constant number has one value."""
     lines = drawn(timeline_data(kenny), 80)
     assert any(line.startswith("  kenny 3.5..63.5 ") for line in lines)
     with kbstore.open("sqlite://", "one", clock=(clock := ManualClock(5))) as kb:

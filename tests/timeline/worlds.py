@@ -1,4 +1,4 @@
-"""Random lives of a small depot, with schedules, ends of objects, actions that run, and late knowledge."""
+"""Random stories of a small depot, with schedules, ends of objects, runs, and late knowledge."""
 
 import random
 from contextlib import suppress
@@ -27,7 +27,7 @@ FACTS = ("(lit)", "(ready r)", "(ready s)", "(near r a)", "(near s b)", "(near r
 
 
 class Life:
-    """Tells a knowledge base random things; what is refused is not told."""
+    """Writes random knowledge; refused updates are not recorded."""
 
     def __init__(self, kb, clock, seed):
         self.kb, self.clock, self.random = kb, clock, random.Random(seed)
@@ -46,7 +46,7 @@ class Life:
         self.kb.add(item, initial_time=t)
         self.scheduled.append((item, t))
 
-    def tell(self):
+    def add(self):
         fact = self.random.choice(FACTS)
         fact = fact if self.random.random() < 0.7 else f"(not {fact})"
         if self.random.random() < 0.4:
@@ -88,17 +88,17 @@ class Life:
             self.random.choice((self.kb.end, self.kb.end, self.kb.abort))(run)
 
     def learn(self):
-        """Late knowledge: of a time that has passed."""
+        """Late knowledge, about a past time."""
         since = self.random.randrange(START, self.clock.now() + 1)
         until = self.random.choice([None, min(since + seconds(4), self.clock.now())])
         fact = self.random.choice(FACTS)
         self.random.choice((self.kb.add, self.kb.remove))(fact, since=since, until=until)
 
-    weights = {tell: 30, remove: 10, cancel: 10, end_object: 6, bring: 8, number: 8, start: 18, end: 10, learn: 12}  # noqa: RUF012
+    weights = {add: 30, remove: 10, cancel: 10, end_object: 6, bring: 8, number: 8, start: 18, end: 10, learn: 12}  # noqa: RUF012
 
 
 def world(seed, steps=60, url="sqlite://"):
-    """A knowledge base with a random life; every second one is open to what is unknown."""
+    """A knowledge base with a random story; every second one has unknowns."""
     clock = ManualClock(START)
     kb = kbstore.open(url, f"depot{seed}", clock=clock, use_unknowns=bool(seed % 2))
     kb.load(DOMAIN)
@@ -109,7 +109,7 @@ def world(seed, steps=60, url="sqlite://"):
 
 
 def pairs(kb, data, count, seed):
-    """Random times, many of them where something changes, with a transaction or None: of the belief."""
+    """Random times, many of them at changes, each with a transaction or None for the belief."""
     chosen = random.Random(seed)
     origin = int(data["origin"])
     transactions = [change.transaction for change in kb.changes(data["base"])]
@@ -120,5 +120,5 @@ def pairs(kb, data, count, seed):
 
 
 def said(state):
-    """The facts and numbers of a state, as the page says them."""
+    """The facts and numbers of a state in the form of the page."""
     return sorted(map(str, state.facts)), sorted((str(item.atom), item.function_value) for item in state.functions)
