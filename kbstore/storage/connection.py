@@ -2,7 +2,7 @@
 
 Statements run on the driver's own cursor: a look-up takes 2.6 us there, 44 us as SQLAlchemy's `exec_driver_sql` and
 73 us as a cached `select`, and a question about one fact is one look-up. Opening and migrations run through
-SQLAlchemy; so do all statements on an engine of the caller's that has listeners or logging for them
+SQLAlchemy; so do all statements on an engine that has listeners or logging for them
 (`kbstore.storage.statement_events`).
 """
 

@@ -16,6 +16,7 @@ from kbstore.storage import forks
 from kbstore.storage.connection import Options, StoreConnection
 from kbstore.storage.driver_errors import unavailable
 from kbstore.storage.sqlite_connection import SqliteConnection
+from kbstore.storage.statement_events import show_own
 
 
 class Connections(ABC):
@@ -224,13 +225,14 @@ class ThreadConnections(Connections):
         path = os.path.abspath(self.engine.url.database or "")
         connection = SqliteConnection(driver, self._options, path=path)
         connection.handle = handle
+        show_own(connection, self.engine)
         try:
             connection.configure()
             self.refuse_another_file(connection)
             if connection.path is not None and not self._options.read_only:
                 connection.use_write_ahead_log()
         except BaseException:
-            handle.invalidate()
+            connection.handle.invalidate()
             raise
         self._is_in_memory = connection.path is None
         self._open.add(connection)

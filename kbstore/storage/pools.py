@@ -29,7 +29,7 @@ from kbstore.storage.server_engine import (
     take_back,
 )
 from kbstore.storage.sqlite_connection import SqliteConnection
-from kbstore.storage.statement_events import ObservedDriver, begin_quietly, is_observed
+from kbstore.storage.statement_events import ObservedDriver, begin_quietly, is_observed, show_own
 
 
 class PooledConnections(Connections):
@@ -196,6 +196,7 @@ class ServerPool:
         handle.driver_connection.autocommit = True
         connection = PostgresqlConnection(handle.driver_connection, options, self.engine.dialect.loaded_dbapi.Error)
         connection.handle = handle
+        show_own(connection, self.engine)
         return connection
 
     def _connect_alone(self) -> Any:

@@ -6,10 +6,13 @@ only on an engine or connection that has listeners for cursors, or logs its stat
 
 import logging
 from collections.abc import Iterator, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import sqlalchemy as sa
 from sqlalchemy.exc import DBAPIError
+
+if TYPE_CHECKING:
+    from kbstore.storage.connection import StoreConnection
 
 _TRANSACTION = ("BEGIN", "COMMIT", "ROLLBACK")
 """Statements that go to the driver in any case, as SQLAlchemy has methods of its own for them."""
@@ -42,6 +45,17 @@ def begin_quietly(connection: sa.Connection) -> None:
         unheard.dispatch = listeners
 
 
+def show_own(connection: "StoreConnection", engine: sa.Engine) -> None:
+    """Run the statements of a connection of kbstore's own through SQLAlchemy, if its engine is observed.
+
+    Asked once for each connection, as a question takes little longer than asking.
+    """
+    if is_observed(engine):
+        connection.handle = handle = sa.Connection(engine, connection.handle)
+        begin_quietly(handle)
+        connection.execute_on(ObservedDriver(handle))
+
+
 class ObservedDriver:
     """Replaces a driver's connection for executing statements, which then run through SQLAlchemy."""
 
@@ -54,11 +68,7 @@ class ObservedDriver:
         """Execute a statement, and return the driver's cursor."""
         if text.startswith(_TRANSACTION):
             return self._driver.execute(text, **how)
-        try:
-            result = self._connection.exec_driver_sql(text, parameters or None)
-        except DBAPIError as error:
-            raise error.orig or error from error
-        return result.cursor if result.returns_rows else _Done(result.rowcount)
+        return self._run(text, _row(parameters) if parameters else None)
 
     def cursor(self, **how: Any) -> Any:
         """Return a cursor for `executemany`; with options, a server-side one of the driver's."""
@@ -66,7 +76,19 @@ class ObservedDriver:
 
     def executemany(self, text: str, rows: Sequence[Any]) -> None:
         """Execute a statement once for each set of parameters."""
-        self.execute(text, [row if isinstance(row, dict) else tuple(row) for row in rows])
+        self._run(text, [_row(row) for row in rows])
+
+    def _run(self, text: str, parameters: Any) -> Any:
+        try:
+            result = self._connection.exec_driver_sql(text, parameters)
+        except DBAPIError as error:
+            raise error.orig or error from error
+        return result.cursor if result.returns_rows else _Done(result.rowcount)
+
+
+def _row(parameters: Any) -> Any:
+    """Return the parameters of one row as SQLAlchemy takes them: by name, or in a tuple."""
+    return parameters if isinstance(parameters, dict) else tuple(parameters)
 
 
 class _Done:

@@ -158,8 +158,38 @@ def test_an_engine_of_the_callers_on_postgresql(postgresql_url):
     engine.dispose()
 
 
+def tell_and_ask(place, name):
+    """Open a knowledge base, change it, and ask it; the answers are those that they are to be."""
+    with kbstore.open(place, name) as kb:
+        kb.load("(define (domain d) (:types room) (:predicates (open ?r - room)) (:functions (n)))")
+        for number in range(8):
+            kb.add("hall - room", "(open hall)", f"(= (n) {number})")
+            kb.remove("(open hall)")
+            with pytest.raises(InvalidKnowledge), kb.transaction() as transaction:
+                transaction.add("(open nowhere)")
+        assert kb.value("(n)") == 7
+        assert not kb.holds("(open hall)")
+        assert in_thread(lambda: kb.value("(n)")) == 7
+        assert len(kb.history("(open hall)")) == 8
+        assert [change.number for change in kb.changes()] == list(range(1, 18))
+        if place != "sqlite://":
+            with kbstore.open(place, kb.name, read_only=True) as reader:
+                assert reader.state().value("(n)") == 7
+
+
+ALL_KINDS = (
+    "kbstore_alembic_version",
+    "INSERT INTO facts",
+    "UPDATE facts",
+    "INSERT INTO transactions",
+    "FROM facts",
+    "FROM heads",
+)
+"""Parts of the statements of opening, writing and asking."""
+
+
 @pytest.mark.parametrize("backend", ["file", "postgresql"])
-@pytest.mark.parametrize("listener", ["before_cursor_execute", "echo"])
+@pytest.mark.parametrize("listener", ["before_cursor_execute", "after_cursor_execute", "echo"])
 def test_listeners_of_an_engine_see_all_statements(backend, listener, path, request, caplog):
     """An engine's listeners and its `echo` see the statements of questions and changes; answers are the same."""
     url = f"sqlite:///{path}" if backend == "file" else request.getfixturevalue("postgresql_url")
@@ -173,30 +203,36 @@ def test_listeners_of_an_engine_see_all_statements(backend, listener, path, requ
         def see(_connection, _cursor, statement, *_):
             seen.append(statement)
 
-    with kbstore.open(engine, f"watched by {listener}") as kb:
-        kb.load("(define (domain d) (:types room) (:predicates (open ?r - room)) (:functions (n)))")
-        for number in range(8):
-            kb.add("hall - room", "(open hall)", f"(= (n) {number})")
-            kb.remove("(open hall)")
-            with pytest.raises(InvalidKnowledge), kb.transaction() as transaction:
-                transaction.add("(open nowhere)")
-        assert kb.value("(n)") == 7
-        assert not kb.holds("(open hall)")
-        assert len(kb.history("(open hall)")) == 8
-        assert [change.number for change in kb.changes()] == list(range(1, 18))
-        with kbstore.open(engine, kb.name, read_only=True) as reader:
-            assert reader.state().value("(n)") == 7
+    tell_and_ask(engine, f"watched by {listener}")
     text = "\n".join(seen or [record.getMessage() for record in caplog.records])
-    for part in (
-        "kbstore_alembic_version",
-        "INSERT INTO facts",
-        "INSERT INTO transactions",
-        "FROM facts",
-        "FROM heads",
-    ):
+    for part in ALL_KINDS:
         assert part in text
     assert engine.pool.checkedout() == 0
     engine.dispose()
+
+
+@pytest.mark.parametrize("backend", ["memory", "file", "postgresql"])
+def test_listeners_of_all_engines_see_all_statements(backend, path, request):
+    """A listener of the class `Engine`, as instrumentation has it, sees all statements of a store opened by its URL."""
+    url = {"memory": "sqlite://", "file": f"sqlite:///{path}"}.get(backend) or request.getfixturevalue("empty_database")
+    seen = []
+
+    def see(_connection, _cursor, statement, *_):
+        seen.append(statement)
+
+    sa.event.listen(sa.Engine, "before_cursor_execute", see)
+    try:
+        tell_and_ask(url, "watched")
+        with kbstore.open(url, "archived") as kb:
+            kb.add("(open hall)")
+            kb.remove("(open hall)")
+            moment = kb.add("(open attic)").time
+            kb.archive(moment, path.with_name("archive.db"))
+            assert kb.history_from == moment
+    finally:
+        sa.event.remove(sa.Engine, "before_cursor_execute", see)
+    for part in ALL_KINDS:
+        assert part in "\n".join(seen)
 
 
 def test_closing_one_knowledge_base_leaves_the_engine_to_others(path):
