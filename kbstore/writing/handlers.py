@@ -24,13 +24,14 @@ from kbstore.messages import (
 )
 from kbstore.model.formulas import Comparison, Formula
 from kbstore.model.symbols import SymbolTable
-from kbstore.model.timelines import METRIC_KEY, EndCause, Identity, Role, Timeline, Value, atom_key, fact_value
+from kbstore.model.timelines import METRIC_KEY, EndCause, Identity, Role, Value, atom_key, fact_value
 from kbstore.names import is_wildcard, key, matches
 from kbstore.pddl.parse import condition_of, parse_condition, uncertain_atoms
 from kbstore.pddl.printer import condition_text, expression_text
 from kbstore.storage.records import LogPosition
 from kbstore.storage.repository import Repository
 from kbstore.writing.change_set import ChangeSet
+from kbstore.writing.edits import Edits, PresentEdits
 from kbstore.writing.formulas import (
     canonical_condition,
     canonical_expression,
@@ -46,10 +47,10 @@ _NONE: Violations = ()
 
 
 class Handlers:
-    """Applies updates to a change set, one after another, all at the same now.
+    """Checks updates, and applies them to a change set, one after another, all at the same now.
 
     Each update has a time `t` in nanoseconds: now, or later (rule T4). At a later time, adding means to schedule, and
-    removing to cancel.
+    removing to cancel. Late knowledge is checked in the same way, but its `edits` are in the past.
     """
 
     def __init__(
@@ -58,14 +59,16 @@ class Handlers:
         repository: Repository,
         symbols: SymbolTable,
         on_removed_object: Callable[[str], None],
+        edits: Edits | None = None,
     ) -> None:
         self._change_set = change_set
         self._repository = repository
         self._symbols = symbols
         self.resolver = NameResolver(change_set, symbols)
-        self._objects = ObjectHandlers(change_set, repository, self.resolver, on_removed_object)
+        self.objects = ObjectHandlers(change_set, repository, self.resolver, on_removed_object)
         self._now = change_set.now
-        self._put = change_set.put
+        self.edits = edits or PresentEdits(change_set, repository)
+        self._put = self.edits.put
         self._derived = frozenset() if symbols.domain is None else symbols.domain.rules.keys()
 
     # -- adding -----------------------------------------------------------------------------------------------
@@ -78,7 +81,7 @@ class Handlers:
             case Function():
                 return self._add_function(item, t)
             case Instance():
-                return self._objects.add(item, t)
+                return self.objects.add(item, t)
             case Inequality():
                 return self._add_inequality(item, Role.STATE, t)
             case Expression():
@@ -228,8 +231,8 @@ class Handlers:
             case Function():
                 return self._remove_atoms(item, KnowledgeType.FUNCTION, Role.STATE, t)
             case Instance():
-                matching = self._matching(Role.STATE, item.knowledge_type, (key(item.instance_name),), t)
-                return self._objects.remove(item, matching, t)
+                matching = self.matching(Role.STATE, item.knowledge_type, (key(item.instance_name),), t)
+                return self.objects.remove(item, matching, t)
             case Inequality():
                 return self._remove_inequality(item, Role.STATE, t)
             case Expression():
@@ -263,7 +266,7 @@ class Handlers:
             text = key(expression_text(from_composite(item.expr))) if item.expr.tokens else ""
             return item.optimization in ("", value[1]) and text in ("", key(value[2]))
 
-        self._remove_matching([state], matches, t)
+        self.edits.remove([state], matches, t)
         return _NONE
 
     def _remove_atoms(self, item: Fact | Function, kind: KnowledgeType, role: Role, t: int) -> Violations:
@@ -278,21 +281,21 @@ class Handlers:
         if role is Role.STATE and domain is not None and domain.is_derived(name):
             return [f"{item}: {name} is derived by the domain's rules; remove what it is derived from"]
         negative = item.is_negative
-        self._remove_matching(
-            self._matching(role, kind, pattern, t),
+        self.edits.remove(
+            self.matching(role, kind, pattern, t),
             (lambda value: bool(value[0]) == negative) if kind is KnowledgeType.FACT else (lambda value: True),
             t,
         )
         return _NONE
 
-    def _matching(self, role: Role, kind: KnowledgeType, pattern: Sequence[str], t: int) -> list[TimelineState]:
+    def matching(self, role: Role, kind: KnowledgeType, pattern: Sequence[str], t: int) -> list[TimelineState]:
         """Return the timelines that match a pattern: all that may have something to remove at `t`."""
         if not any(map(is_wildcard, pattern)):
             state = self._change_set.find(Identity(role, kind, atom_key(pattern)))
             return [] if state is None else [state]
         stored = {
             timeline.id: timeline
-            for timeline in self._candidates(role, kind, pattern, t)
+            for timeline in self.edits.candidates(role, kind, pattern, t)
             if timeline.role is role and matches(pattern, timeline.keys)
         }
         self._change_set.loaded(stored.values())
@@ -302,11 +305,6 @@ class Handlers:
             if (timeline := state.timeline).kind is kind and timeline.role is role and matches(pattern, timeline.keys)
         ]
 
-    def _candidates(self, role: Role, kind: KnowledgeType, pattern: Sequence[str], t: int) -> Iterable[Timeline]:
-        """Return the stored timelines that may match a pattern with wildcards."""
-        read = self._repository.scheduled_at if t > self._now else self._repository.state_at
-        return [timeline for timeline, *_ in read(kind, LogPosition(self._now))]
-
     def _remove_inequality(self, item: Inequality, role: Role, t: int) -> Violations:
         try:
             formula = self._inequality(item)
@@ -315,7 +313,7 @@ class Handlers:
             return violations_of(error, item)
         state = self._change_set.find(Identity(role, KnowledgeType.INEQUALITY, key(condition_text(formula))))
         if state is not None:
-            self._remove_matching([state], lambda value: bool(value[0]) == item.is_negative, t)
+            self.edits.remove([state], lambda value: bool(value[0]) == item.is_negative, t)
         return _NONE
 
     def _remove_condition(self, text: str, t: int) -> Violations:
@@ -325,15 +323,8 @@ class Handlers:
             return violations_of(error, text)
         state = self._change_set.find(Identity(Role.GOAL, KnowledgeType.EXPRESSION, key(condition_text(formula))))
         if state is not None:
-            self._remove_matching([state], lambda value: True, t)
+            self.edits.remove([state], lambda value: True, t)
         return _NONE
-
-    def _remove_matching(self, states: Iterable[TimelineState], matches: Callable[[Value], bool], t: int) -> None:
-        """End what holds, or cancel what is scheduled for `t`, where it matches (rules C4, C5)."""
-        for state in states:
-            value = self._change_set.value_at(state, t)
-            if value is not None and matches(value):
-                self._change_set.take(state, t, EndCause.REMOVED)
 
     # -- replacing --------------------------------------------------------------------------------------------
 
@@ -360,7 +351,7 @@ class Handlers:
                 if kind is not KnowledgeType.INSTANCE:
                     self._change_set.take(state, self._now, EndCause.REMOVED)
                 elif not state.value[0]:
-                    self._objects.end(state, self._now)
+                    self.objects.end(state, self._now)
         return _NONE
 
     def _identity(self, item: KnowledgeItem | Condition) -> Identity | None:

@@ -1,6 +1,6 @@
 """Handlers for late knowledge: add and remove since a time in the past (rules L1 to L6)."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import TypeVar
 
 from kbstore.clock import OPEN, TimeLike, isoformat, time
@@ -8,19 +8,19 @@ from kbstore.errors import InvalidTime, ScheduledRelativeChange
 from kbstore.messages import AssignOp, Expression, Function, Goal, Inequality, Instance, KnowledgeItem, KnowledgeType
 from kbstore.model.lifespans import Lifespan
 from kbstore.model.symbols import SymbolTable
-from kbstore.model.timelines import Role, Timeline, Value
+from kbstore.model.timelines import Role, Value
 from kbstore.names import key
-from kbstore.storage.records import LogPosition
 from kbstore.storage.repository import Repository
 from kbstore.writing.change_set import ChangeSet
+from kbstore.writing.edits import LateEdits
 from kbstore.writing.handlers import Handlers
-from kbstore.writing.object_handlers import ObjectHandlers, meeting
+from kbstore.writing.object_handlers import meeting
 from kbstore.writing.past import Past
 from kbstore.writing.past_rates import PastRates
-from kbstore.writing.resolution import NameResolver, Violations
+from kbstore.writing.resolution import Violations
 from kbstore.writing.timeline_state import TimelineState
 
-Item = TypeVar("Item", KnowledgeItem, Goal)
+Item = TypeVar("Item", KnowledgeItem, Instance, Goal)
 Version = tuple[int, SymbolTable]
 """The time from which on a version of the domain is in force, in nanoseconds, and its symbols."""
 
@@ -87,9 +87,11 @@ class LateHandlers:
                 f"{item} changes a value relative to what it was at {isoformat(self._since)}, which cannot be "
                 f"late knowledge; give the value, as: (= {item.atom} 80)"
             )
-        if isinstance(item, Instance) and item.is_negative:
+        if not isinstance(item, Instance):
+            return self._add(item, Handlers.add)
+        if item.is_negative:
             return self.remove(item.changed(is_negative=False), t)
-        return self._add(item, Handlers.add)
+        return self._add(item, self._add_object)
 
     def add_metric(self, item: KnowledgeItem, t: int) -> Violations:
         """Refuse a metric."""
@@ -110,6 +112,8 @@ class LateHandlers:
         if isinstance(item, Expression | Inequality):
             what = "a metric" if isinstance(item, Expression) else "a recorded inequality"
             raise InvalidTime(f"{item}: {what} cannot be removed late; remove it without since")
+        if isinstance(item, Instance):
+            return self._remove(item, self._remove_object)
         return self._remove(item, Handlers.remove)
 
     def remove_goal(self, goal: Goal, t: int) -> Violations:
@@ -127,26 +131,36 @@ class LateHandlers:
 
     # -- adding -----------------------------------------------------------------------------------------------
 
-    def _add(self, item: Item, add: "Callable[[_Checks, Item, int], Violations]") -> Violations:
+    def _add(self, item: Item, add: Callable[[Handlers, Item, int], Violations]) -> Violations:
+        """Check an item under each version of the domain in which it would hold, and put it into the past."""
         first, *_ = self._in_force(self._since, self._since + 1)
-        checks = self._checks(first)
-        violations = list(add(checks, item, self._since))
+        violations, puts = self._checked(first, item, add)
         if violations:
             return violations
-        ((state, value),) = checks.puts
+        ((state, value),) = puts
         end = self._past.end_of(state, value, self._since) if self._until is None else self._until
+        found: list[str] = []
         for symbols in self._in_force(self._since, end):
-            checks = self._checks(symbols)
-            violations += add(checks, item, self._since)
-            violations += self._not_throughout(item, state, value, symbols)
-        violations += self._meetings(state, value, end)
-        if not violations:
-            ((state, value),) = checks.puts
+            violations, puts = self._checked(symbols, item, add)
+            found += violations
+            found += self._not_throughout(item, state, value, symbols)
+        found += self._meetings(state, value, end)
+        if not found:
+            ((state, value),) = puts
             self._past.put(state, value, self._since, self._until, self._past_rates)
-        return tuple(dict.fromkeys(violations))
+        return tuple(dict.fromkeys(found))
 
-    def _checks(self, symbols: SymbolTable) -> "_Checks":
-        return _Checks(self._change_set, self._repository, symbols, self._on_removed_object, self._until)
+    def _checked(
+        self, symbols: SymbolTable, item: Item, add: Callable[[Handlers, Item, int], Violations]
+    ) -> tuple[Violations, list[tuple[TimelineState, Value]]]:
+        """Return what is wrong with an item under a version of the domain, and the value that it adds."""
+        handlers, edits = self._under(symbols)
+        return add(handlers, item, self._since), edits.puts
+
+    def _under(self, symbols: SymbolTable) -> tuple[Handlers, LateEdits]:
+        """Return the handlers of updates under a version of the domain, and what they do."""
+        edits = LateEdits(self._repository, self._past, self._until)
+        return Handlers(self._change_set, self._repository, symbols, self._on_removed_object, edits), edits
 
     def _in_force(self, start: int, end: int) -> Iterator[SymbolTable]:
         """Yield the symbols of the domain's versions that are in force somewhere in a span, in order."""
@@ -179,80 +193,35 @@ class LateHandlers:
 
     # -- removing ---------------------------------------------------------------------------------------------
 
-    def _remove(self, item: Item, remove: "Callable[[_Checks, Item, int], Violations]") -> Violations:
+    def _remove(self, item: Item, remove: Callable[[Handlers, Item, int], Violations]) -> Violations:
         """Remove an item under the latest version of the domain that knows its symbols."""
         end = self._since + 1 if self._until is None else self._until
         violations: Violations = ()
         for symbols in reversed(list(self._in_force(self._since, end))):
-            violations = remove(self._checks(symbols), item, self._since)
+            handlers, _ = self._under(symbols)
+            violations = remove(handlers, item, self._since)
             if not violations:
                 return ()
         return violations
 
+    # -- objects ----------------------------------------------------------------------------------------------
 
-class _Checks(Handlers):
-    """The handlers under one version of the domain; they collect what is to be added, and remove in the past."""
-
-    def __init__(
-        self,
-        change_set: ChangeSet,
-        repository: Repository,
-        symbols: SymbolTable,
-        on_removed_object: Callable[[str], None],
-        until: int | None,
-    ) -> None:
-        super().__init__(change_set, repository, symbols, on_removed_object)
-        self.puts: list[tuple[TimelineState, Value]] = []
-        self._until = until
-        self._put = self._collect
-        self._past = Past(change_set, repository)
-        self._objects = _Objects(change_set, repository, self.resolver, on_removed_object, until, self._collect)
-
-    def _collect(self, state: TimelineState, value: Value, t: int) -> None:
-        self.puts.append((state, value))
-
-    def _candidates(self, role: Role, kind: KnowledgeType, pattern: Sequence[str], t: int) -> Iterable[Timeline]:
-        if self._until is None:
-            return [timeline for timeline, *_ in self._repository.state_at(kind, LogPosition(t))]
-        if kind is KnowledgeType.INSTANCE:
-            return self._repository.of_kind(role, kind)
-        return self._repository.of_symbol(role, kind, pattern[0])
-
-    def _remove_matching(self, states: Iterable[TimelineState], matches: Callable[[Value], bool], t: int) -> None:
-        for state in list(states):
-            self._past.blank(state, matches, t, self._until)
-
-
-class _Objects(ObjectHandlers):
-    """The same as `_Checks`, for objects."""
-
-    def __init__(
-        self,
-        change_set: ChangeSet,
-        repository: Repository,
-        resolver: NameResolver,
-        on_removed: Callable[[str], None],
-        until: int | None,
-        collect: Callable[[TimelineState, Value, int], None],
-    ) -> None:
-        super().__init__(change_set, repository, resolver, on_removed)
-        self._until = until
-        self._collect = collect
-
-    def add(self, item: Instance, t: int) -> Violations:
-        violations = self._instance_violations(item)
+    def _add_object(self, handlers: Handlers, item: Instance, t: int) -> Violations:
+        violations = handlers.objects.adding_violations(item)
         if not violations:
-            state = self._resolver.object(item.instance_name)
-            self._collect(state, (False, self._type_spelling(state, item.instance_type or "object")), t)
+            state = handlers.resolver.object(item.instance_name)
+            type_name = handlers.objects.type_spelling(state, item.instance_type or "object")
+            handlers.edits.put(state, (False, type_name), t)
         return violations
 
-    def remove(self, item: Instance, states: Iterable[TimelineState], t: int) -> Violations:
-        violations = self._removal_violations(item)
+    def _remove_object(self, handlers: Handlers, item: Instance, t: int) -> Violations:
+        """Remove an object, and what mentions it, from the times at which it does not exist any more (rule L5)."""
+        objects = handlers.objects
+        violations = objects.removing_violations(item)
         if violations:
             return violations
-        past = Past(self._change_set, self._repository)
-        for state in list(states):
+        for state in handlers.matching(Role.STATE, item.knowledge_type, (key(item.instance_name),), t):
             before = self._change_set.existences(state)
-            past.blank(state, lambda value: self._matches(item, value), t, self._until)
-            past.lose(state, before, self._on_removed_object)
+            handlers.edits.remove([state], lambda value: objects.matches(item, value), t)
+            self._past.lose(state, before, self._on_removed_object)
         return ()

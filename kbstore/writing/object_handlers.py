@@ -36,13 +36,13 @@ class ObjectHandlers:
     def add(self, item: Instance, t: int) -> Violations:
         """Add an object from `t` on, which is not before now; a negative item ends it."""
         name, type_name = item.instance_name, item.instance_type or "object"
-        violations = self._instance_violations(item)
+        violations = self.adding_violations(item)
         if violations:
             return violations
         state = self._resolver.object(name)
         if item.is_negative and t == self._now:
             return self.remove(item.changed(is_negative=False), [state], t)
-        type_name = self._type_spelling(state, type_name)
+        type_name = self.type_spelling(state, type_name)
         before = self._change_set.lifespans(state)
         if item.is_negative:
             existing = next((e.type_name for e in before if e.start < t <= e.end), None)
@@ -62,7 +62,7 @@ class ObjectHandlers:
             self._change_set.put(state, (False, type_name), t)
         return self._settled_object(state, before)
 
-    def _type_spelling(self, state: TimelineState, type_name: str) -> str:
+    def type_spelling(self, state: TimelineState, type_name: str) -> str:
         """Return a type as the domain spells it; without a domain, as it was first written for the object (rule D3)."""
         if self._domain is not None:
             return self._domain.type_spelling(type_name)
@@ -70,7 +70,7 @@ class ObjectHandlers:
         written = [value[1] for value in (*stored, state.value, *state.ahead.values()) if value is not None]
         return next((str(spelling) for spelling in written if key(spelling) == key(type_name)), type_name)
 
-    def _instance_violations(self, item: Instance) -> Violations:
+    def adding_violations(self, item: Instance) -> Violations:
         """Return what is wrong with an object that is to be added, by its name and its type."""
         name, domain = item.instance_name, self._domain
         violations = []
@@ -116,7 +116,7 @@ class ObjectHandlers:
             self._on_removed_object(state.timeline.key)
         return ()
 
-    def _removal_violations(self, item: Instance) -> Violations:
+    def removing_violations(self, item: Instance) -> Violations:
         """Return what is wrong with a pattern of objects that are to be removed."""
         domain = self._domain
         if domain is not None:
@@ -131,12 +131,12 @@ class ObjectHandlers:
 
     def remove(self, item: Instance, states: Iterable[TimelineState], t: int) -> Violations:
         """Remove the objects that match an item; at a time after now, cancel what is scheduled for them."""
-        violations = self._removal_violations(item)
+        violations = self.removing_violations(item)
         if violations:
             return violations
         for state in states:
             value = self._change_set.value_at(state, t)
-            if value is None or not self._matches(item, value):
+            if value is None or not self.matches(item, value):
                 continue
             violations = self.end(state, t)
             if violations:
@@ -149,7 +149,7 @@ class ObjectHandlers:
         self._change_set.take(state, t, EndCause.REMOVED)
         return self._settled_object(state, before)
 
-    def _matches(self, item: Instance, value: Value) -> bool:
+    def matches(self, item: Instance, value: Value) -> bool:
         """Return whether an object matches a removal's item: by the sign, and by the type if one is given."""
         is_negative, type_name = value
         if bool(is_negative) != item.is_negative:
