@@ -474,7 +474,11 @@ class AssertionQueries:
             return self._select(columns, index).select_from(values.join(self._table, and_(*conditions)))
         # OFFSET 0 forces one index scan for each value: for a small table PostgreSQL would plan to read all of it, and
         # keep that plan when the table has grown
-        found = select(*columns).where(*conditions).offset(constant(0)).lateral("found")
+        found: Any = select(*columns).where(*conditions).offset(constant(0))
+        if index is not None:
+            # in a knowledge base that its statistics do not know yet, all indexes look alike, except by their order
+            found = found.order_by(self._columns.initial_time if index == "begin" else self._columns.end_time)
+        found = found.lateral("found")
         return select(found).select_from(values.join(found, sa.true()))
 
     @staticmethod

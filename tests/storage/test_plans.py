@@ -11,6 +11,7 @@ from itertools import pairwise
 
 import pytest
 
+from kbstore.messages import KnowledgeType
 from kbstore.storage import queries
 from kbstore.storage.assertion_queries import for_kind
 from kbstore.storage.interval_tree import LEVELS, path, ranges, superseded
@@ -264,6 +265,18 @@ def test_a_whole_state_is_read_by_indexes_on_postgresql(long_postgresql):
     plan = "\n".join(row[0] for row in long_postgresql.execute(f"EXPLAIN {statement}", parameters))
     assert all(f"ix_{table}_{index} on {table}" in plan for table in ALL for index in ("begin", "end"))
     assert not [table for table in ALL if f"Seq Scan on {table}" in plan]
+
+
+@pytest.mark.parametrize("name", ["holding", "holding_as_of", "ended_since", "ended"])
+def test_a_new_knowledge_base_is_read_by_indexes_beside_a_large_one_on_postgresql(long_postgresql, name):
+    """A state is read by the interval tree also where PostgreSQL knows no row of the knowledge base yet."""
+    statement = getattr(for_kind[KnowledgeType.FACT], name)
+    values = values_of(statement, list) | {"kb": KB + 1000}
+    parameters = {name: values[name] for name in set(re.findall(r"%\((\w+)\)s", statement.postgresql))}
+    plan = [row[0] for row in long_postgresql.execute(f"EXPLAIN {statement.postgresql}", parameters)]
+    used = {found[1] for step in plan if (found := re.search(r"using (\w+) on facts", step))}
+    assert used <= {"ix_facts_begin", "ix_facts_end"}
+    assert "ix_facts_end" in used
 
 
 @pytest.mark.parametrize("question", HISTORY_OF_ONE)
