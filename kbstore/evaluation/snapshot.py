@@ -1,8 +1,9 @@
 """A state in memory: an `Interpretation` that conditions are evaluated against."""
 
 from collections import defaultdict
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from functools import cached_property
+from itertools import chain
 
 from kbstore.evaluation.interpretation import Arguments, Number
 from kbstore.messages import KnowledgeType
@@ -11,39 +12,52 @@ from kbstore.model.timelines import Role, StateRow, atom_key
 from kbstore.names import key
 
 
+Parts = Mapping[KnowledgeType, Sequence[StateRow]]
+"""Assertions by knowledge type."""
+
+
+def by_kind(rows: Iterable[StateRow]) -> Parts:
+    """Return assertions by knowledge type."""
+    found: dict[KnowledgeType, list[StateRow]] = {kind: [] for kind in KnowledgeType}
+    for row in rows:
+        found[row[0].kind].append(row)
+    return found
+
+
 class Snapshot:
     """The state at one time, from the assertions that hold; indexed when it is asked again."""
 
-    def __init__(self, time: int, rows: Sequence[StateRow], domain: Domain | None, use_unknowns: bool) -> None:
+    def __init__(self, time: int, parts: Parts, domain: Domain | None, use_unknowns: bool) -> None:
         self.time = time
-        self.rows = rows
+        self.parts = parts
         self.domain = domain
         self.use_unknowns = use_unknowns
         self._by_key: dict[KnowledgeType, dict[str, StateRow]] = {}
         self._searched: set[KnowledgeType] = set()
         self._of_types: dict[tuple[str, ...], Collection[str]] = {}
 
+    @property
+    def rows(self) -> list[StateRow]:
+        """All assertions that hold."""
+        return list(chain.from_iterable(self.parts.values()))
+
     def of(self, kind: KnowledgeType, role: Role = Role.STATE) -> list[StateRow]:
         """The rows of a knowledge type."""
-        return [row for row in self.rows if row[0].kind is kind and row[0].role is role]
+        return [row for row in self.parts.get(kind, ()) if row[0].role is role]
 
     def row(self, kind: KnowledgeType, name: str) -> StateRow | None:
         """The assertion that holds on one timeline of the state."""
         by_key = self._by_key.get(kind)
         if by_key is not None:
             return by_key.get(name)
-        state = Role.STATE
         if kind not in self._searched:
             # most states are asked one question: to look for its row takes a fifth of the time of an index
             self._searched.add(kind)
-            for row in self.rows:
-                timeline = row[0]
-                if timeline.key == name and timeline.kind is kind and timeline.role is state:
+            for row in self.parts.get(kind, ()):
+                if row[0].key == name and row[0].role is Role.STATE:
                     return row
             return None
-        by_key = self._by_key[kind] = {
-            timeline.key: row for row in self.rows if (timeline := row[0]).kind is kind and timeline.role is state
-        }
+        by_key = self._by_key[kind] = {row[0].key: row for row in self.of(kind)}
         return by_key.get(name)
 
     @cached_property
@@ -93,7 +107,10 @@ class Snapshot:
 
     def type_of(self, name: str) -> str | None:
         """The type of an object or constant, None where it does not exist."""
-        return self.types.get(name)
+        row = self.row(KnowledgeType.INSTANCE, name)
+        if row is not None and not row[2][0]:
+            return key(row[2][1])
+        return None if self.domain is None else self.domain.constant_types.get(name)
 
 
 def is_of(domain: Domain | None, type_name: str, wanted: Sequence[str]) -> bool:

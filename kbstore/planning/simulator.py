@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import NamedTuple
 
 from kbstore.errors import KbStoreError
-from kbstore.evaluation.snapshot import Snapshot
+from kbstore.evaluation.snapshot import Snapshot, by_kind
 from kbstore.messages import KnowledgeType
 from kbstore.model.domain import Domain
 from kbstore.model.formulas import Atom, Timing
@@ -165,7 +165,7 @@ class Simulator:
         return (*value[:3], value[2] + ((self._added or {}).get(function) or 0.0))
 
     def _snapshot(self) -> Snapshot:
-        return Snapshot(self._now, self.rows, self.domain, self.use_unknowns)
+        return Snapshot(self._now, by_kind(self.rows), self.domain, self.use_unknowns)
 
     # -- runs -------------------------------------------------------------------------------------------------
 

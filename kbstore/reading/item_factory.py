@@ -1,6 +1,8 @@
 """Makes the items of messages from rows."""
 
 from collections.abc import Iterable
+from itertools import pairwise
+from operator import itemgetter
 
 from kbstore.conversion import composite_of, unlabelled
 from kbstore.messages import (
@@ -37,22 +39,28 @@ class ItemFactory:
         self._domain = symbol_table.domain
 
     def item(self, timeline: Timeline, initial_time: int, value: Value, t: int) -> KnowledgeItem | Condition:
-        """Return the item of a row; a function's has its value at `t`.
+        """Return the item of a row; a function's has its value at `t`."""
+        return self.items([(timeline, initial_time, value)], t)[0]
+
+    def items(self, rows: Iterable[tuple[Timeline, int, Value]], t: int) -> list[KnowledgeItem | Condition]:
+        """Return the items of rows, in order of their initial times.
 
         The item of the row shown last on a timeline is cached with it.
         """
-        # read the attribute once: other threads may set it in between
-        latest = timeline.latest
-        item: KnowledgeItem | Condition
-        if latest is not None and latest[0] is self._domain and latest[1] == initial_time and latest[2] == value:
-            item = latest[3]
-            return item
-        item = self._made(timeline, initial_time, value, t)
-        is_moving = timeline.kind is KnowledgeType.FUNCTION and value[3]
-        # without a domain, a later use may add labels (rule D2)
-        if self._domain is not None and not is_moving:
-            timeline.latest = (self._domain, initial_time, value, item)
-        return item
+        domain, found = self._domain, []
+        for timeline, initial_time, value in _in_order(rows):
+            # read the attribute once: other threads may set it in between
+            latest = timeline.latest
+            if latest is not None and latest[0] is domain and latest[1] == initial_time and latest[2] == value:
+                found.append(latest[3])
+                continue
+            item = self._made(timeline, initial_time, value, t)
+            is_moving = timeline.kind is KnowledgeType.FUNCTION and value[3]
+            # without a domain, a later use may add labels (rule D2)
+            if domain is not None and not is_moving:
+                timeline.latest = (domain, initial_time, value, item)
+            found.append(item)
+        return found
 
     def _made(self, timeline: Timeline, initial_time: int, value: Value, t: int) -> KnowledgeItem | Condition:
         match timeline.kind:
@@ -96,10 +104,6 @@ class ItemFactory:
                 )
                 return Inequality(initial_time=initial_time, is_negative=bool(value[0]), ineq=inequality)
 
-    def items(self, rows: Iterable[tuple[Timeline, int, Value]], t: int) -> list[KnowledgeItem | Condition]:
-        """Return the items of rows, in order of their initial times."""
-        return [self.item(*row, t) for row in sorted(rows, key=_order)]
-
     def _expression(self, text: str) -> ExprComposite:
         return composite_of(parse_expression(text), self._formula)
 
@@ -120,5 +124,10 @@ class ItemFactory:
         return shown[1]
 
 
-def _order(row: tuple[Timeline, int, Value]) -> tuple[int, int]:
-    return row[1], row[0].id
+def _in_order(rows: Iterable[tuple[Timeline, int, Value]]) -> list[tuple[Timeline, int, Value]]:
+    """Return rows in order of their initial times, and of their timelines' numbers."""
+    found = sorted(rows, key=itemgetter(1))
+    # rows of one time are mostly in order already; to sort by both numbers at once takes twice as long
+    if any(before[1] == row[1] and before[0].id > row[0].id for before, row in pairwise(found)):
+        found.sort(key=lambda row: (row[1], row[0].id))
+    return found

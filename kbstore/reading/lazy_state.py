@@ -153,7 +153,8 @@ class LazyState(PartialState):
         """The objects that exist and are of one of the types or their subtypes, constants included."""
         if self._objects is None:
             rows = self._repository.state_at(KnowledgeType.INSTANCE, LogPosition(self.time))
-            self._objects = Snapshot(self.time, rows, self.domain, self.use_unknowns)
+            parts = {KnowledgeType.INSTANCE: rows}
+            self._objects = Snapshot(self.time, parts, self.domain, self.use_unknowns)
             self._has_ranges = True
         return self._objects.objects(types)
 

@@ -6,7 +6,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, NamedTuple
 
 from kbstore.clock import OPEN, SECOND, TIME_LIMIT, Clock, TimeLike
-from kbstore.evaluation.snapshot import Snapshot
+from kbstore.evaluation.snapshot import Snapshot, by_kind
 from kbstore.messages import Condition, KnowledgeItem, KnowledgeType
 from kbstore.model.domain import Domain
 from kbstore.model.results import AsOf, Broken, Explanation, Run
@@ -192,7 +192,7 @@ class Reader:
         """Return the items on record that take effect after a point, as in its state, and the domain."""
         symbols = self.symbols_at(repository, point)
         pending = _all_kinds(repository.scheduled_at, point.position)
-        nothing = Snapshot(point.valid_time, (), symbols.domain, self.use_unknowns)
+        nothing = Snapshot(point.valid_time, {}, symbols.domain, self.use_unknowns)
         return self.state_of(StateData(nothing, pending, []), symbols).timed_knowledge, symbols.domain
 
     def _cached(self, repository: Repository, point: TemporalPoint) -> StateData | None:
@@ -239,10 +239,10 @@ class Reader:
             )
             for _ in simulator.advance(t):
                 pass
-            rows, running = simulator.rows, simulator.running
+            parts, running = by_kind(simulator.rows), simulator.running
         else:
-            rows = _all_kinds(repository.state_at, point.rows_at)
-        return StateData(Snapshot(t, rows, domain, self.use_unknowns), pending, running)
+            parts = {kind: repository.state_at(kind, point.rows_at) for kind in KnowledgeType}
+        return StateData(Snapshot(t, parts, domain, self.use_unknowns), pending, running)
 
 
 class _SnapshotRepository:

@@ -118,7 +118,7 @@ class Runs:
         action = None if domain is None or not domain.sensed else _ground(domain, row)
         if domain is None or action is None:
             return {}
-        world = Snapshot(row.started, [], domain, self._reader.use_unknowns)
+        world = Snapshot(row.started, {}, domain, self._reader.use_unknowns)
         if row.started >= head.history_from:
             point = self._reader.resolver.at_position(head, position)
             world = self._reader.state(repository, point).snapshot

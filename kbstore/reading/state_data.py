@@ -18,4 +18,4 @@ class StateData:
     @property
     def size(self) -> int:
         """The size as caches count it: the number of assertions, and one for the state itself."""
-        return 1 + len(self.snapshot.rows) + len(self.pending)
+        return 1 + sum(map(len, self.snapshot.parts.values())) + len(self.pending)

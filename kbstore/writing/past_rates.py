@@ -46,9 +46,9 @@ class PastRates:
             return 0.0
         number = self._repository.last_number_at(t)
         position = LogPosition(t, number, number)
-        rows = [row for kind in KnowledgeType for row in self._repository.state_at(kind, position)]
+        parts = {kind: self._repository.state_at(kind, position) for kind in KnowledgeType}
         running = [as_running(row) for row in self._repository.running(LogPosition(t))]
-        world = Snapshot(t, rows, domain, self._use_unknowns)
+        world = Snapshot(t, parts, domain, self._use_unknowns)
         return rates(running, world).get(function) or 0.0
 
     def _domain(self, t: int) -> Domain | None:

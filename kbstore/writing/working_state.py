@@ -3,7 +3,7 @@
 from collections.abc import Collection
 
 from kbstore.clock import OPEN
-from kbstore.evaluation.snapshot import Snapshot
+from kbstore.evaluation.snapshot import Snapshot, by_kind
 from kbstore.messages import KnowledgeType
 from kbstore.model.domain import Domain
 from kbstore.model.formulas import Atom
@@ -47,7 +47,7 @@ class WorkingState:
             for _ in simulator.advance(now):
                 pass
             holding = simulator.rows
-        snapshot = Snapshot(now, holding, domain, self._use_unknowns)
+        snapshot = Snapshot(now, by_kind(holding), domain, self._use_unknowns)
         return StateData(snapshot, list(pending.values()), self._executor.running)
 
     def follow_rates(self, domain: Domain | None, *, anew: bool = False) -> None:
@@ -105,7 +105,7 @@ class WorkingState:
             rows |= {row[0].identity: row for row in self._read(kind, names)}
             pending |= {(row[0].identity, row[1]): row for row in self._repository.scheduled_at(kind, position)}
         if self._rates_before is None and self._moves_numbers(domain):
-            stored = Snapshot(now, list(rows.values()), self._domain_before, self._use_unknowns)
+            stored = Snapshot(now, by_kind(rows.values()), self._domain_before, self._use_unknowns)
             self._rates_before = rates(self._executor.running_before, stored)
         self._change_set.overlay(rows, pending)
         return rows, pending
