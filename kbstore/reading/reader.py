@@ -140,9 +140,12 @@ class Reader:
     def state_at(self, at: TimeLike | None, as_of: AsOf | None) -> State:
         """Return the state at a time, as of another."""
         with self.repository() as repository:
-            t = at if type(at) is int and as_of is None and 0 <= at < TIME_LIMIT else None
-            if t is not None and self.database.dialect == "postgresql" and self._states.find(t) is None:
-                repository.read_state(t)
+            if self.database.dialect == "postgresql" and as_of is None:
+                t = self.resolver.read_clock() if at is None else at
+                if type(t) is int and 0 <= t < TIME_LIMIT and self._states.find(t) is None:
+                    repository.read_state(t)
+                    # now is no earlier than the latest transaction (rule T3)
+                    at = t if at is not None or t >= repository.head().time else None
             return self.state(repository, self.resolver.resolve(repository, at, as_of))
 
     def state(self, repository: Repository, point: TemporalPoint) -> State:

@@ -115,12 +115,11 @@ class StoreConnection(ABC):
             raise self._failure(error) from error
         return row
 
-    def all_at_first(self, statement: Statement, parameters: Parameters) -> list[SqlRow]:
-        """Return all rows of a statement, which may run before its reading transaction begins, on the latest commit."""
-        return self.all(statement, parameters)
+    def all_at_first(self, reads: Sequence[tuple[Statement, Parameters]]) -> list[list[SqlRow]]:
+        """Return all rows of some statements, in one trip to a server.
 
-    def all_at_once(self, reads: Sequence[tuple[Statement, Parameters]]) -> list[list[SqlRow]]:
-        """Return all rows of several statements, in one trip to a server."""
+        A single one may run before its reading transaction begins, on the latest commit.
+        """
         return [self.all(statement, parameters) for statement, parameters in reads]
 
     def lock_head(self, statement: Statement, parameters: Parameters) -> SqlRow | None:

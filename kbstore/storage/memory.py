@@ -92,7 +92,7 @@ class LogEnd:
         seen: the last transaction that has been seen.
         acknowledged: the last transaction that this process committed.
         present: which kinds of rows there were then, as in `Head`.
-        has_more: whether a state has schedules or runs, besides assertions.
+        has_runs: whether there was a run.
         returns: how often the store has gone back.
         is_gone: whether it has gone back to before the knowledge base was made.
     """
@@ -101,7 +101,7 @@ class LogEnd:
         self.seen = Mark(0, 0)
         self.acknowledged: Mark | None = None
         self.present = 0
-        self.has_more = False
+        self.has_runs = False
         self.returns = 0
         self.is_gone = False
         self.forgetting: list[Callable[[], None]] = []

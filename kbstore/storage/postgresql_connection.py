@@ -201,26 +201,22 @@ class PostgresqlConnection(StoreConnection):
         was_waiting, self._is_waiting = self._is_waiting, False
         return not was_waiting
 
-    def all_at_first(self, statement: Statement, parameters: Parameters) -> list[SqlRow]:
-        """Return all rows of a statement; if the reading transaction has not begun, on the latest commit instead."""
-        if not self._is_waiting:
-            return self.all(statement, parameters)
-        try:
-            rows: list[SqlRow] = self.driver.execute(self._text(statement), parameters, binary=True).fetchall()
-        except self._error as error:
-            raise self._failure(error) from error
-        return rows
+    def all_at_first(self, reads: Sequence[tuple[Statement, Parameters]]) -> list[list[SqlRow]]:
+        """Return all rows of some statements, in one trip to the server.
 
-    def all_at_once(self, reads: Sequence[tuple[Statement, Parameters]]) -> list[list[SqlRow]]:
-        """Return all rows of several statements, in one trip to the server."""
-        if len(reads) < 2 or self._executing is not self.driver:
-            return super().all_at_once(reads)
+        If the reading transaction has not begun, a single one does not begin it, and reads the latest commit.
+        """
+        if self._executing is not self.driver:
+            return super().all_at_first(reads)
+        texts = [(self._text(statement), parameters) for statement, parameters in reads]
         try:
+            if len(texts) == 1 and self._is_waiting:
+                return [self.driver.execute(*texts[0], binary=True).fetchall()]
             with self.driver.pipeline():
                 if self._is_waiting:
                     self._has_begun()
                     self._execute(_READING)
-                answers = [self._execute(self._text(statement), parameters) for statement, parameters in reads]
+                answers = [self._execute(text, parameters, binary=True) for text, parameters in texts]
             return [answer.fetchall() for answer in answers]
         except self._error as error:
             raise self._failure(error) from error

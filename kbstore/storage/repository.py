@@ -60,7 +60,7 @@ class Repository:
         self._positions: dict[LogPosition, dict[str, Any]] = {}
         self._head: Head | None = None
         self._saved: tuple[RowChanges, dict[int, StoredAssertion], Head] | None = None
-        self._read_ahead: dict[tuple[KnowledgeType, LogPosition], list[SqlRow]] = {}
+        self._read_ahead: dict[tuple[Statement, LogPosition], list[SqlRow]] = {}
 
     # -- the record -------------------------------------------------------------------------------------------
 
@@ -78,7 +78,7 @@ class Repository:
         head = self._head = Head._make(row)
         self._look(Mark(head.number, head.token))
         self._memory.progress.present = head.present
-        self._memory.progress.has_more = bool(head.present & PRESENT_SCHEDULES or head.last_run)
+        self._memory.progress.has_runs = bool(head.last_run)
         return head
 
     def _has_gone_back(self) -> bool:
@@ -248,36 +248,39 @@ class Repository:
     # -- states -----------------------------------------------------------------------------------------------
 
     def read_state(self, t: int) -> None:
-        """Read the head and what holds at a time in one trip to a server; `head` and `state_at` then need no statement.
+        """Read the head and what holds at a time in one trip to a server; `state_at` and the like then need none.
 
         A single statement has a snapshot of its own, and needs no transaction. If schedules or runs have to be read
         from the same snapshot as well, several statements in a transaction are sent together.
         """
         position, progress = LogPosition(t), self._memory.progress
-        kinds = tuple(kind for kind in KnowledgeType if progress.present >> kind & 1)
-        if not progress.has_more:
-            rows = self._connection.all_at_first(whole_state(kinds), self._at(position))
-            row, by_kind = split(rows, kinds)
+        parameters = self._on_path(position)
+        expected, found = None, (progress.present, progress.has_runs)
+        while found != expected:
+            # there is more, or less, than this process had seen
+            expected = present, has_runs = found
+            kinds = tuple(kind for kind in KnowledgeType if present >> kind & 1)
+            more = [queries.pending] * bool(present & PRESENT_SCHEDULES) + [queries.running] * has_runs
+            reads = [(statement, parameters) for statement in (whole_state(kinds), *more)]
+            whole, *rest = self._connection.all_at_first(reads)
+            row, by_kind = split(whole, kinds)
             head = self._see(row)
-            if head.present == sum(1 << kind for kind in kinds) and not progress.has_more:
-                self._read_ahead = {(kind, position): found for kind, found in by_kind.items()}
-                return
-            kinds = tuple(kind for kind in KnowledgeType if head.present >> kind & 1)
-        reads = [(for_kind[kind].holding, self._at(position)) for kind in kinds]
-        heads, *found = self._connection.all_at_once([(queries.head, {"kb": self._kb}), *reads])
-        self._see(heads[0] if heads else None)
-        self._read_ahead = {(kind, position): rows for kind, rows in zip(kinds, found, strict=True)}
+            found = head.present, bool(head.last_run)
+        self._read_ahead = {(for_kind[kind].holding, position): rows for kind, rows in by_kind.items()}
+        self._read_ahead |= {(statement, position): rows for statement, rows in zip(more, rest, strict=True)}
+
+    def _at_position(self, statement: Statement, position: LogPosition, parameters: dict[str, Any]) -> list[SqlRow]:
+        """Return the rows of a statement at a position in the log, which may have been read ahead."""
+        known = self._read_ahead.get((statement, position))
+        return self._connection.all(statement, parameters) if known is None else known
 
     def state_at(self, kind: KnowledgeType, position: LogPosition) -> list[StateRow]:
         """Return the assertions of a knowledge type that hold at a position in the log."""
         if not self._has(kind):
             return []
-        known = self._read_ahead.get((kind, position))
-        if known is not None:
-            return self._state_rows(kind, known)
         statements, parameters = for_kind[kind], self._at(position)
         if position.number is None:
-            return self._state_rows(kind, self._connection.all(statements.holding, parameters))
+            return self._state_rows(kind, self._at_position(statements.holding, position, parameters))
         rows = self._connection.all(statements.holding_as_of, parameters)
         if position.latest is not None and position.latest > position.number:
             rows = rows + self._connection.all(statements.ended_since, parameters | {"levels": self._levels})
@@ -348,7 +351,7 @@ class Repository:
         found: dict[KnowledgeType, list[SqlRow]] | None = parameters.get("scheduled")
         if found is None:
             statement = queries.pending if position.number is None else queries.pending_as_of
-            found = parameters["scheduled"] = self._by_key(self._connection.all(statement, parameters))
+            found = parameters["scheduled"] = self._by_key(self._at_position(statement, position, parameters))
         return self._state_rows(kind, [(*row[:2], *row[_VALUE:]) for row in found.get(kind, ())])
 
     def _has(self, kind: KnowledgeType) -> bool:
@@ -438,7 +441,7 @@ class Repository:
     def running(self, position: LogPosition) -> list[RunRow]:
         """Return the durative actions that run at a position in the log, in the order of their starts."""
         statement = queries.running if position.number is None else queries.running_as_of
-        return [_run(row) for row in sorted(self._connection.all(statement, self._on_path(position)))]
+        return [_run(row) for row in sorted(self._at_position(statement, position, self._on_path(position)))]
 
     def runs_between(self, since: int, until: int) -> list[RunRow]:
         """Return the runs that meet ``[since, until)``, in the order of their starts."""

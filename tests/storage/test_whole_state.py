@@ -1,0 +1,65 @@
+"""A state from a server: exactly what was told."""
+
+import math
+import uuid
+
+import pytest
+
+import kbstore
+from kbstore import ManualClock, seconds
+
+START = seconds(1_700_000_000)
+SMALLEST, LARGEST = 5e-324, 1.7976931348623157e308
+
+
+@pytest.fixture
+def kb(postgresql_url):
+    """A new knowledge base on a server."""
+    with kbstore.open(postgresql_url, f"whole{uuid.uuid4().hex[:8]}", clock=ManualClock(START)) as kb:
+        yield kb
+
+
+def test_everything_comes_back_as_it_was_told(kb):
+    """Numbers to the last bit and texts in any script, of all knowledge types, of both signs; now, too."""
+    numbers = {"tiny": SMALLEST, "huge": -LARGEST, "third": 1 / 3, "zero": -0.0}
+    kb.add("kenny - robot", "küche - œuvre", "wp0 - place")
+    kb.add("(at kenny küche)", "(not (at kenny wp0))", *(f"(= ({name}) {value!r})" for name, value in numbers.items()))
+    kb.add("(> (tiny) 5)", "(not (<= (huge) (third)))")
+    kb.add_goal("(at kenny wp0)", "(or (at kenny küche) (at kenny wp0))")
+    kb.add_metric("minimize (third)")
+    kb._clock.advance(seconds(10))
+    for state in (kb.state(), kb.state(at=kb.now() - 1)):
+        assert {item.instance_name: item.instance_type for item in state.instances} == {
+            "kenny": "robot",
+            "küche": "œuvre",
+            "wp0": "place",
+        }
+        assert {str(item) for item in state.facts} == {"(at kenny küche)", "(not (at kenny wp0))"}
+        assert {item.initial_time for item in state.facts} == {START}
+        found = {item.attribute_name: item.function_value for item in state.functions}
+        assert found == numbers
+        assert math.copysign(1, found["zero"]) == -1
+        assert {str(item) for item in state.inequalities} == {"(> (tiny) 5)", "(not (<= (huge) (third)))"}
+        assert {str(item) for item in state.goals} == {"(at kenny wp0)", "(or (at kenny küche) (at kenny wp0))"}
+        assert state.metric.optimization == "minimize"
+
+
+def test_a_clock_behind_the_latest_transaction(kb):
+    """Now is the time of the latest transaction then (T3), and a state of it has what that transaction told."""
+    kb.add("(at kenny hall)")
+    kb._clock.set(START - 1)
+    assert [str(item) for item in kb.state().facts] == ["(at kenny hall)"]
+    assert kb.state().at == START
+
+
+def test_what_another_process_told_first_is_read_with_it(kb, postgresql_url):
+    """A type of knowledge that this process has not seen yet, told by another one since, is in the state, too."""
+    kb.add("(at kenny hall)")
+    kb._clock.advance(seconds(10))
+    assert len(kb.state().facts) == 1
+    with kbstore.open(postgresql_url, kb.name, clock=kb._clock) as other:
+        other.add("kenny - robot", "(= (battery kenny) 80)")
+        other.add("(at kenny lab)", initial_time=other.now() + seconds(60))
+        kb._clock.advance(1)
+        state = kb.state()
+    assert ([len(part) for part in (state.instances, state.functions, state.timed_knowledge)]) == [1, 1, 1]
