@@ -136,6 +136,8 @@ class Truth(Enum):
     FALSE = "false"
     UNKNOWN = "unknown"
 
+    __hash__ = object.__hash__
+
     def __bool__(self) -> NoReturn:
         raise TypeError("a Truth may be UNKNOWN and has no bool(); use holds(), or compare: truth(...) is Truth.TRUE")
 

@@ -28,6 +28,8 @@ from kbstore.model.timelines import Timeline, Value, number_at
 from kbstore.names import key
 from kbstore.pddl.parse import parse_expression
 
+_Row = tuple[Timeline, int, Value]
+
 _ATOMS = (KnowledgeType.FACT, KnowledgeType.FUNCTION)
 
 
@@ -40,21 +42,22 @@ class ItemFactory:
 
     def item(self, timeline: Timeline, initial_time: int, value: Value, t: int) -> KnowledgeItem | Condition:
         """Return the item of a row; a function's has its value at `t`."""
-        return self.items([(timeline, initial_time, value)], t)[0]
+        return self._items([(timeline, initial_time, value)], t)[0]
 
-    def items(self, rows: Iterable[tuple[Timeline, int, Value]], t: int) -> list[KnowledgeItem | Condition]:
-        """Return the items of rows, in order of their initial times.
+    def items(self, rows: Iterable[_Row], t: int | None) -> list[KnowledgeItem | Condition]:
+        """Return the items of rows, in order of their initial times; without `t` each function's is its first value."""
+        return self._items(_in_order(rows), t)
 
-        The item of the row shown last on a timeline is cached with it.
-        """
+    def _items(self, rows: Iterable[_Row], t: int | None) -> list[KnowledgeItem | Condition]:
+        """Return the items of rows. The item of the row shown last on a timeline is cached with it."""
         domain, found = self._domain, []
-        for timeline, initial_time, value in _in_order(rows):
+        for timeline, initial_time, value in rows:
             # read the attribute once: other threads may set it in between
             latest = timeline.latest
             if latest is not None and latest[0] is domain and latest[1] == initial_time and latest[2] == value:
                 found.append(latest[3])
                 continue
-            item = self._made(timeline, initial_time, value, t)
+            item = self._made(timeline, initial_time, value, initial_time if t is None else t)
             is_moving = timeline.kind is KnowledgeType.FUNCTION and value[3]
             # without a domain, a later use may add labels (rule D2)
             if domain is not None and not is_moving:
@@ -124,7 +127,7 @@ class ItemFactory:
         return shown[1]
 
 
-def _in_order(rows: Iterable[tuple[Timeline, int, Value]]) -> list[tuple[Timeline, int, Value]]:
+def _in_order(rows: Iterable[_Row]) -> list[_Row]:
     """Return rows in order of their initial times, and of their timelines' numbers."""
     found = sorted(rows, key=itemgetter(1))
     # rows of one time are mostly in order already; to sort by both numbers at once takes twice as long

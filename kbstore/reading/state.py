@@ -170,8 +170,7 @@ class State(Result):
             for timeline, t, value in self._pending
             if timeline.role is Role.STATE and t > self.at
         ]
-        rows.sort(key=lambda row: (row[1], row[0].id))
-        return [cast("KnowledgeItem", self._reader.item(*row, row[1])) for row in rows]
+        return cast("list[KnowledgeItem]", self._reader.items(rows, None))
 
     @cached_property
     def running(self) -> list[Run]:

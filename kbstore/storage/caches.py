@@ -5,6 +5,8 @@ what                   key                            bound                     
 =====================  =============================  ========================  =====================================
 timelines              number; role, kind and key     200,000                   never wrong: a timeline never changes,
                                                                                 nor does the message of its latest row
+keys without a         role, kind and key             50,000                    a timeline is added
+timeline
 domain versions        version number                 all                       never wrong: a version never changes
 prepared questions     domain version and question    50,000                    never wrong: made anew for a version
 past states            valid time                     50,000 assertions         late knowledge reaches their time
@@ -29,6 +31,7 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import Any, Generic, TypeVar
 
 TIMELINES = 200_000
+ABSENT = 50_000
 QUESTIONS = 50_000
 OPEN_ROWS = 50_000
 ANSWERS = 50_000

@@ -13,8 +13,8 @@ from typing import NamedTuple
 
 from kbstore.errors import StoreWentBack
 from kbstore.messages import KnowledgeType
-from kbstore.model.timelines import Role, Timeline
-from kbstore.storage.caches import LRU, OPEN_ROWS, TIMELINES
+from kbstore.model.timelines import Identity, Role, Timeline
+from kbstore.storage.caches import ABSENT, LRU, OPEN_ROWS, TIMELINES
 from kbstore.storage.connection import LOG
 from kbstore.storage.records import Head, StoredAssertion
 
@@ -27,11 +27,17 @@ class Mark(NamedTuple):
 
 
 class TimelineCache:
-    """The timelines that this process has seen; they never change, so rows are read with their numbers alone."""
+    """The timelines that this process has seen; they never change, so rows are read with their numbers alone.
+
+    Attributes:
+        by_id, by_key: the timelines.
+        absent: keys that had no timeline, each with the number of the last timeline then.
+    """
 
     def __init__(self, bound: int = TIMELINES) -> None:
         self.by_id: LRU[int, Timeline] = LRU(bound)
         self.by_key: dict[tuple[Role, KnowledgeType], LRU[str, Timeline]] = defaultdict(lambda: LRU(bound))
+        self.absent: LRU[Identity, int] = LRU(min(bound, ABSENT))
 
     def put(self, timeline: Timeline) -> None:
         """Cache a timeline that is committed."""

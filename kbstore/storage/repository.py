@@ -9,7 +9,7 @@ from typing import Any
 from kbstore.clock import OPEN
 from kbstore.errors import StoreWentBack
 from kbstore.messages import KnowledgeType
-from kbstore.model.timelines import LONGEST_KEY, Role, StateRow, Timeline, stored_key
+from kbstore.model.timelines import LONGEST_KEY, Identity, Role, StateRow, Timeline, stored_key
 from kbstore.storage import directory, queries
 from kbstore.storage.assertion_queries import AssertionQueries, for_kind
 from kbstore.storage.connection import SqlRow, StoreConnection
@@ -210,8 +210,16 @@ class Repository:
         parameters = {"kb": self._kb, "role": int(role), "kind": int(kind)}
         rows: list[SqlRow] = []
         if len(missing) == 1:
-            row = self._connection.first(queries.timeline_by_key, parameters | {"key": stored_key(missing[0])})
-            rows = [] if row is None else [row]
+            name, absent = Identity(role, kind, missing[0]), self._cache.absent
+            # while the last timeline is the same, none has been added; in a transaction some may not be counted yet
+            last = None if self._head is None or self._saved is not None else self._head.timeline
+            if last is not None and absent.find(name) == last:
+                return found
+            row = self._connection.first(queries.timeline_by_key, parameters | {"key": stored_key(name.key)})
+            if row is not None:
+                rows.append(row)
+            elif last is not None:
+                absent.put(name, last)
         elif missing:
             stored = self._connection.array([stored_key(key) for key in missing])
             rows = self._connection.all(queries.timelines_by_key, parameters | {"keys": stored})

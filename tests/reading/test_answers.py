@@ -251,6 +251,29 @@ def test_a_bound_object_is_looked_up(large, question, most):
     assert [text for text in statements if "data_version" not in text] == []
 
 
+def test_what_was_never_told_is_looked_for_once(large, tmp_path):
+    """The timeline of a fact that was never told is looked up again only when one has been added, by whomever."""
+    kb, statements = large
+
+    def looked_up(t):
+        statements.clear()
+        answer = kb.holds("(and (at r0 p3) (or (alarm) (open p9)) (not (at r0 p4)))", at=t)
+        return answer, len([text for text in statements if "timelines" in text])
+
+    # the other place: the alarm has been asked about before
+    assert looked_up(START) == (True, 1)
+    assert looked_up(START + 1) == (True, 0)
+    kb._clock.advance(10)
+    kb.add("(not (open p9))")
+    assert looked_up(START + 10) == (False, 0)
+    with kbstore.open(tmp_path / "store.db", clock=kb._clock) as other:
+        other.add("(alarm)")
+    assert looked_up(START + 11) == (True, 2)
+    assert looked_up(START + 12) == (True, 0)
+    kb.add("(at r0 p4)")
+    assert looked_up(START + 13) == (False, 0)
+
+
 def test_a_number_that_moves_is_read_once(large):
     """A condition, or a sum, of a moving number is computed for each time from the first read (C7, V5)."""
     kb, statements = large
