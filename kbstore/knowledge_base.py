@@ -827,11 +827,14 @@ class KnowledgeBase:
             return whole[-1]
 
         found = applicability(ExplainedPoint(self._explainer, world), read_state, operator, arguments, duration)
-        until = point.valid_time
-        # what fails by the action's own effects does so since the time that is asked about
-        since_then = any(condition.since == point.valid_time for condition in found.failing)
-        if isinstance(world, LazyState) and not (world.is_moving or whole or since_then):
-            until = world.until
+
+        def until() -> int:
+            # what fails by the action's own effects does so since the time that is asked about
+            since_then = any(condition.since == point.valid_time for condition in found.failing)
+            if not isinstance(world, LazyState) or world.is_moving or whole or since_then:
+                return point.valid_time
+            return world.until
+
         return Computed(found.failing, 1 + len(found.failing), until)
 
     def apply(self, operator: str, *arguments: str, client: str = "", note: str = "") -> Transaction:

@@ -11,7 +11,6 @@ from kbstore.model.domain import ROOT_TYPE, Domain
 from kbstore.model.timelines import Role, StateRow, atom_key
 from kbstore.names import key
 
-
 Parts = Mapping[KnowledgeType, Sequence[StateRow]]
 """Assertions by knowledge type."""
 

@@ -67,13 +67,13 @@ class Computed(NamedTuple, Generic[_Value]):
     Attributes:
         value: the value.
         size: its size in assertions.
-        until: the time, in nanoseconds, at which the clock may change it; the state's own time if it is not to be
-            cached.
+        until: returns the time, in nanoseconds, at which the clock may change it, or the state's own time if it is not
+            to be cached; called on the same snapshot of the store, and only where it may be cached.
     """
 
     value: _Value
     size: int
-    until: int
+    until: Callable[[], int]
 
 
 class _QuestionKind(NamedTuple):
@@ -130,14 +130,15 @@ class Answers:
             is_cached = self._caches and at is None and name is not None
             memory = connection.memory(self._reader.kb) if is_cached else None
             if memory is not None:
-                known: tuple[int, Computed[_Value]] | None = memory.computed.get(name)
-                if known is not None and known[0] <= self._clock.now() < known[1].until:
+                known: tuple[int, Computed[_Value], int] | None = memory.computed.get(name)
+                if known is not None and known[0] <= self._clock.now() < known[2]:
                     return known[1].value
             with self._reader.repository() as repository:
                 point = self._resolver.resolve(repository, at)
                 found = compute(repository, point)
-            if memory is not None and point.valid_time < found.until:
-                memory.computed.put(name, (point.valid_time, found))
+                until = point.valid_time if memory is None else found.until()
+            if memory is not None and point.valid_time < until:
+                memory.computed.put(name, (point.valid_time, found, until))
             return found.value
         finally:
             self._database.checkin(connection)
@@ -154,8 +155,11 @@ class Answers:
             repository: Repository, point: TemporalPoint
         ) -> Computed[tuple[Sequence[KnowledgeItem | Condition], Domain | None]]:
             found = read(repository, point)
-            is_moving = any(isinstance(item, Function) and item.rate for item in found[0])
-            until = point.valid_time if is_moving else repository.next_due(point.valid_time)
+
+            def until() -> int:
+                is_moving = any(isinstance(item, Function) and item.rate for item in found[0])
+                return point.valid_time if is_moving else repository.next_due(point.valid_time)
+
             return Computed(found, 1 + len(found[0]), until)
 
         items, domain = self.computed(name, compute, at)

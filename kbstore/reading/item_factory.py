@@ -24,11 +24,9 @@ from kbstore.messages import (
 )
 from kbstore.model.formulas import Atom
 from kbstore.model.symbols import SymbolTable
-from kbstore.model.timelines import Timeline, Value, number_at
+from kbstore.model.timelines import StateRow, Timeline, Value, number_at
 from kbstore.names import key
 from kbstore.pddl.parse import parse_expression
-
-_Row = tuple[Timeline, int, Value]
 
 _ATOMS = (KnowledgeType.FACT, KnowledgeType.FUNCTION)
 
@@ -44,11 +42,11 @@ class ItemFactory:
         """Return the item of a row; a function's has its value at `t`."""
         return self._items([(timeline, initial_time, value)], t)[0]
 
-    def items(self, rows: Iterable[_Row], t: int | None) -> list[KnowledgeItem | Condition]:
+    def items(self, rows: Iterable[StateRow], t: int | None) -> list[KnowledgeItem | Condition]:
         """Return the items of rows, in order of their initial times; without `t` each function's is its first value."""
         return self._items(_in_order(rows), t)
 
-    def _items(self, rows: Iterable[_Row], t: int | None) -> list[KnowledgeItem | Condition]:
+    def _items(self, rows: Iterable[StateRow], t: int | None) -> list[KnowledgeItem | Condition]:
         """Return the items of rows. The item of the row shown last on a timeline is cached with it."""
         domain, found = self._domain, []
         for timeline, initial_time, value in rows:
@@ -127,7 +125,7 @@ class ItemFactory:
         return shown[1]
 
 
-def _in_order(rows: Iterable[_Row]) -> list[_Row]:
+def _in_order(rows: Iterable[StateRow]) -> list[StateRow]:
     """Return rows in order of their initial times, and of their timelines' numbers."""
     found = sorted(rows, key=itemgetter(1))
     # rows of one time are mostly in order already; to sort by both numbers at once takes twice as long

@@ -66,7 +66,11 @@ def ranges(t: int) -> tuple[tuple[int | None, ...], tuple[int | None, ...]]:
     one of the two is None. The last level is that of open intervals, which start from 0 on.
     """
     place = t + 1
-    blocks = [(place >> height) << height for height in range(LEVELS)]
-    begins = tuple(None if block >> height & 1 else block - 1 for height, block in enumerate(blocks))
-    ends = tuple(block + (1 << height) if block >> height & 1 else None for height, block in enumerate(blocks))
+    begins: list[int | None] = []
+    ends: list[int | None] = []
+    for height in range(LEVELS):
+        block = (place >> height) << height
+        is_right_half = block >> height & 1
+        begins.append(None if is_right_half else block - 1)
+        ends.append(block + (1 << height) if is_right_half else None)
     return (*begins, 0), (*ends, None)
