@@ -140,8 +140,9 @@ class Recorder:
             underived = [(kb, row.recorded_tx, row.seq) for row in changes.underived]
             connection.many(for_kind[KnowledgeType.FUNCTION].delete, underived)
             connection.many(queries.delete_schedule, underived)
-        rates = [(rate, kb, row.recorded_tx, row.seq) for row, rate in changes.rates]
-        connection.many(queries.settle_rate, rates)
+        if changes.rates:
+            rates = [(rate, kb, row.recorded_tx, row.seq) for row, rate in changes.rates]
+            connection.many(queries.settle_rate, rates)
 
     def _add_assertions(self, changes: RowChanges) -> None:
         seq = 0

@@ -75,7 +75,7 @@ class Repository:
         """Take a row as the head in this snapshot, and return the head. Raises `StoreWentBack` if there is none."""
         if row is None:
             raise self._memory.gone()
-        head = self._head = Head._make(row)
+        head = self._head = Head(*row)
         self._look(Mark(head.number, head.token))
         self._memory.progress.present = head.present
         self._memory.progress.has_runs = bool(head.last_run)

@@ -97,7 +97,8 @@ class ChangeSet:
                 # an assertion that holds mentions only objects that exist, which need no check
                 if state is None or state.value is None:
                     objects.update(atom.key[1:])
-        self.load(Role.STATE, KnowledgeType.INSTANCE, objects)
+        if objects:
+            self.load(Role.STATE, KnowledgeType.INSTANCE, objects)
 
     def object(self, name: str) -> TimelineState | None:
         """Return the INSTANCE timeline of an object by its key; None if there is none."""

@@ -145,8 +145,9 @@ class OpenTransaction:
 
     def _release(self) -> None:
         """Free what the transaction has worked with, before the garbage collector may go through all of it."""
-        for made in ("_change_set", "_executor", "_handlers", "_repository", "_working"):
-            vars(self).pop(made, None)
+        made = vars(self)
+        for name in ("_change_set", "_executor", "_handlers", "_repository", "_working"):
+            made.pop(name, None)
 
     def _open_handlers(self) -> Handlers:
         """Return the handlers. Raises `Conflict` outside of the block, where updates would be lost silently."""
