@@ -103,7 +103,7 @@ class Messages:
 def write(path, kind, made, *, sender="/planner"):
     """Write a bag of a kind: "1", "sqlite3" or "mcap".
 
-    `made` takes `Messages`, and gives times in nanoseconds, topics and messages.
+    `made` takes `Messages`, and yields times in nanoseconds, topics and messages.
     """
     is_ros1 = kind == "1"
     store = typestore(is_ros1=is_ros1)
@@ -142,7 +142,7 @@ ROOMS = "abc"
 
 
 def drives():
-    """Each drive: when it starts and ends, from where and where to; every tenth fails, and ends where it began."""
+    """Each drive: when it starts and ends, and between which places; every tenth fails, and ends where it began."""
     place = "a"
     for number in range(HOUR // CYCLE):
         start = BEGIN + number * CYCLE + SECOND + number
@@ -152,7 +152,7 @@ def drives():
 
 
 def mission(messages):
-    """An hour: snapshots every 10 s and at each change, executions every second, and topics of others."""
+    """An hour: snapshots every 10 s and at each change, executions every second, and unrelated topics."""
 
     def snapshot(place):
         facts = ["(open a)", *([f"(robot_at r1 {place})"] if place else [])]

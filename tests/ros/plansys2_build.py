@@ -1,7 +1,7 @@
-"""Generates PlanSys2's messages from the definitions beside this file, and compiles them for this environment's Python.
+"""Generate PlanSys2's messages from the definitions beside this file, and compile them for this environment's Python.
 
-Only what Python and Fast DDS need, the type supports of C, in one shared object. All definitions are compiled as one
-text each for C and C++, as the headers take most of the time.
+Only the parts that Python and Fast DDS need, the type supports of C, in one shared object. All definitions are compiled
+as one text each for C and C++, as the headers take most of the time.
 """
 
 import subprocess

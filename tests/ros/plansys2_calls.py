@@ -1,4 +1,4 @@
-"""Calls of PlanSys2's experts without ROS: requests, responses and messages are made of their definitions."""
+"""Calls of PlanSys2's experts without ROS: requests, responses and messages are made from their definitions."""
 
 from kbstore.interop.plansys2 import NodeType
 from tests.ros.doubles import given, make

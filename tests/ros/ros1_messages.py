@@ -1,4 +1,4 @@
-"""Makes Python modules of the message definitions in this directory, with genpy of ROS 1: an argument, a directory."""
+"""Generate Python modules of the message definitions in this directory, with genpy of ROS 1; argument: a directory."""
 
 import sys
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""A graph of ROS 2 on loopback for the tests: nodes of kbstore in processes of their own, and clients in this one."""
+"""A graph of ROS 2 on loopback for the tests: nodes of kbstore in separate processes, and clients in this one."""
 
 import os
 import signal
@@ -25,7 +25,7 @@ SHUTDOWN = Transition.TRANSITION_UNCONFIGURED_SHUTDOWN
 
 
 def until(is_so, limit=PATIENCE):
-    """Wait until something is so, and return it."""
+    """Wait until a function returns something true, and return it."""
     end = time.monotonic() + limit
     while not (found := is_so()):
         assert time.monotonic() < end, "this has not come"
@@ -52,7 +52,7 @@ def graph(name="tester"):
 
 
 class Tester:
-    """Calls services, and remembers what topics bring."""
+    """Calls services, and stores the messages of topics."""
 
     def __init__(self, node):
         self.node = node
@@ -68,7 +68,7 @@ class Tester:
         return found
 
     def gone(self, node):
-        """Wait until nobody knows of a lifecycle node any more: a killed one is remembered for a while."""
+        """Wait until a lifecycle node is gone: a killed one stays known for a while."""
         until(lambda: not self.node.count_services(f"/{node}/get_state"))
 
     def call(self, kind, name, **fields):
@@ -88,7 +88,7 @@ class Tester:
         return self.call(GetState, f"{node}/get_state").current_state.label
 
     def received(self, kind, topic, quality=100):
-        """A list that grows with what a topic brings."""
+        """A list that grows with the messages of a topic."""
         found = []
         self.node.create_subscription(kind, topic, found.append, quality, callback_group=self.group)
         return found
@@ -96,7 +96,7 @@ class Tester:
 
 @contextmanager
 def running(log, *arguments):
-    """A command of kbstore in a process of its own; stopped by SIGINT, as a launch file does it."""
+    """A command of kbstore in a separate process; stopped by SIGINT, as by a launch file."""
     with open(log, "a") as output:
         process = subprocess.Popen(
             [*KBSTORE, *map(str, arguments)], stdout=output, stderr=output, env={**os.environ, "PYTHONUNBUFFERED": "1"}
@@ -114,7 +114,7 @@ def running(log, *arguments):
 
 @contextmanager
 def empty_service(kind, name):
-    """A node in a process of its own that answers at once: what a call costs without an answer to find."""
+    """A node in a separate process that answers at once: the cost of a call without computing an answer."""
     process = subprocess.Popen([sys.executable, "-m", __spec__.name, kind, name])
     try:
         yield

@@ -1,4 +1,4 @@
-"""KnowledgeItems as clients of ROSPlan make them, of whatever makes the messages."""
+"""KnowledgeItems as clients of ROSPlan make them, for any implementation of the messages."""
 
 
 class Items:

@@ -69,9 +69,9 @@ def exported(kb, tmp_path):
 
 
 def test_a_topic_for_a_predicate_and_an_object(kb, clock, exported):
-    """Its value is where kenny is: what the other arguments are, empty where it is nowhere, all where at several.
+    """Its value is the place of kenny: the other arguments of its facts, empty for none, all of several.
 
-    Panels draw a state up to the next message: the last is there again at the end.
+    Panels draw a state up to the next message: the last is repeated at the end.
     """
     kb.add("(at kenny hall)", "(open hall)", "(raining)")
     clock.set(seconds(20))
@@ -87,14 +87,14 @@ def test_a_topic_for_a_predicate_and_an_object(kb, clock, exported):
     assert found.of("/facts/raining") == [(10, "true"), (20, ""), (40, "")]
 
 
-def test_what_is_explicitly_false_beside_what_is_true(kb, exported):
-    """The one is marked in the value of the other."""
+def test_an_explicitly_false_fact_beside_a_true_one(kb, exported):
+    """An explicitly false fact is marked in the value of the true one."""
     kb.add("(at kenny hall)", "(not (at kenny lab))")
     assert exported().of("/facts/at/kenny") == [(10, "hall, not lab")]
 
 
 def test_numbers_at_their_corners(kb, clock, exported):
-    """A number has its value where it begins, and where it ends: twice where it jumps, and none once it is gone."""
+    """A number has its value where it begins and where it ends: twice where it jumps, and none once it is gone."""
     kb.add("(= (battery kenny) 80)", "(= (distance hall lab) 5)")
     kb.add("(increase (battery kenny) (* #t -0.5))")
     clock.set(seconds(20))
@@ -106,7 +106,7 @@ def test_numbers_at_their_corners(kb, clock, exported):
     found = exported()
     assert found.of("/numbers/battery/kenny") == [(10, 80), (20, 75), (20, 100), (30, 100), (30, None)]
     assert found.of("/numbers/battery/kenny", "defined")[-2:] == [(30, True), (30, False)]
-    # what is open is drawn to the end
+    # an open value is drawn to the end
     assert found.of("/numbers/distance/hall/lab") == [(10, 5), (40, 5)]
 
 
@@ -131,7 +131,7 @@ def test_runs_and_objects(kb, clock, exported):
 
 
 def test_transactions(kb, exported):
-    """Who said it, and why."""
+    """Client and note of each."""
     found = exported()
     assert found.of("/transactions") == [(10, 1), (10, 2)]
     assert found.of("/transactions", "client") == [(10, "operator"), (10, "mapper")]
@@ -139,7 +139,7 @@ def test_transactions(kb, exported):
 
 
 def test_a_span(kb, clock, exported):
-    """What holds at its begin is written for that time, with the values of then; nothing is after its end."""
+    """The state at the begin is written for that time, with the values of then; nothing is after the end."""
     kb.add("(at kenny hall)", "(= (battery kenny) 80)")
     kb.add("(increase (battery kenny) (* #t 2))")
     clock.set(seconds(40))
@@ -151,7 +151,7 @@ def test_a_span(kb, clock, exported):
 
 
 def test_as_of(kb, clock, exported):
-    """What had been on record then; what was cancelled or superseded is left out."""
+    """The record as of then; cancelled and superseded assertions are left out."""
     first = kb.add("(at kenny hall)")
     kb.add("(at kenny lab)", initial_time=seconds(50))
     kb.remove("(at kenny lab)", initial_time=seconds(50))
@@ -169,8 +169,8 @@ def test_nanoseconds(kb, clock, tmp_path):
     assert Messages(tmp_path / "kenny.mcap").by_topic["/facts/open/lab"][0][0] == 1_700_000_000_123_456_789
 
 
-def test_a_file_that_is_there_is_kept(kb, tmp_path):
-    """It is not written over."""
+def test_an_existing_file_is_kept(kb, tmp_path):
+    """It is not overwritten."""
     path = tmp_path / "kenny.mcap"
     path.write_text("mine")
     with pytest.raises(kbstore.InvalidKnowledge, match=r"kenny.mcap exists, and is not overwritten"):
@@ -178,8 +178,8 @@ def test_a_file_that_is_there_is_kept(kb, tmp_path):
     assert path.read_text() == "mine"
 
 
-def test_a_file_that_cannot_be_finished_is_not_there(kb, tmp_path, monkeypatch):
-    """Where the disk is full, nothing is left of it."""
+def test_an_incomplete_file_is_removed(kb, tmp_path, monkeypatch):
+    """Where the disk is full, no file is left."""
 
     def full(self):
         raise OSError(errno.ENOSPC, "No space left on device")

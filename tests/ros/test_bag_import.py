@@ -26,7 +26,7 @@ def bag(request, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def imported(bag):
-    """The bag in a store, and what the import said."""
+    """The bag in a store, and the result of the import."""
     store = bag.parent / "robot.db"
     return store, import_bag(bag, store, "tour", domain=DOMAIN)
 
@@ -36,7 +36,7 @@ def opened(store, name="tour"):
 
 
 def expected_places():
-    """When the robot was at each room, by the drives alone: intervals in nanoseconds."""
+    """The places of the robot, by the drives alone: intervals in nanoseconds."""
     found, since, place = {room: [] for room in "abc"}, BEGIN, "a"
     for start, end, origin, to, succeeds in drives():
         found[place].append((since, start))
@@ -46,7 +46,7 @@ def expected_places():
 
 
 def test_an_hour_is_exact_to_the_nanosecond(imported):
-    """Facts hold when the bag says, runs start and end when they were reported, and goals are there."""
+    """Facts hold from the bag's times on, runs start and end at their reported times, and goals are there."""
     store, done = imported
     with opened(store) as kb:
         for room, intervals in expected_places().items():
@@ -68,7 +68,7 @@ def test_an_hour_is_exact_to_the_nanosecond(imported):
     assert done.left_out == ("/rosout_text",)
 
 
-def test_again_changes_nothing(bag, imported):
+def test_importing_again_changes_nothing(bag, imported):
     """The same bag into the same knowledge base records no transaction; the domain need not be given again."""
     store, done = imported
     with opened(store) as kb:
@@ -94,7 +94,7 @@ class Interrupted(Exception):
 
 
 def stopping(after):
-    """A progress that interrupts an import."""
+    """A progress callback that interrupts an import."""
 
     def progress(done, total):
         assert 0 < done <= total
@@ -104,8 +104,8 @@ def stopping(after):
     return progress
 
 
-def test_an_interrupted_import_goes_on(bag, imported, tmp_path):
-    """Stopped twice on its way, it comes to what one import came to."""
+def test_an_interrupted_import_can_be_continued(bag, imported, tmp_path):
+    """Interrupted twice, it has the same result as one import."""
     store = tmp_path / "robot.db"
     for after in (500, 1700):
         with pytest.raises(Interrupted):
@@ -118,7 +118,7 @@ def test_an_interrupted_import_goes_on(bag, imported, tmp_path):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_an_hour_of_rosplan(kind, tmp_path):
-    """Problems make the state, actions run between their feedback with their simple effects; again is no change."""
+    """Problems give the state, actions run between their feedback with simple effects; a second import is no change."""
     bag, store = write(bag_path(tmp_path, kind), kind, rosplan_hour, sender="/dispatcher"), tmp_path / "robot.db"
     with pytest.raises(Interrupted):
         import_bag(bag, store, "tour", domain=DOMAIN, progress=stopping(150))
@@ -136,7 +136,7 @@ def test_an_hour_of_rosplan(kind, tmp_path):
 
 
 def expected_by_problems():
-    """When the robot was at each room: after a drive that failed, only the next problem tells where it is."""
+    """The places of the robot: after a failed drive, only the next problem has its place."""
     found, since = {room: [] for room in "abc"}, BEGIN + SECOND - 5
     for start, end, origin, _, succeeds in drives():
         found[origin].append((since, start))
@@ -161,7 +161,7 @@ def dusty(messages):
 
 
 def test_types_come_from_the_problem_or_from_predicates(tmp_path):
-    """What comes later in the bag tells the type of r1; that of x is open, until the problem is given."""
+    """A later part of the bag gives the type of r1; that of x is open, until the problem is given."""
     bag, store = write(tmp_path / "tour", "mcap", dusty), tmp_path / "robot.db"
     with pytest.raises(kbstore.InvalidKnowledge) as caught:
         import_bag(bag, store, domain=AMBIGUOUS)
@@ -195,7 +195,7 @@ def reported_on_the_hub(messages):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_runs_and_types_come_from_the_hub(kind, tmp_path):
-    """A confirmation starts a run, and a finish ends it; the parameters of an action tell types, too."""
+    """A confirmation starts a run, and a finish ends it; the parameters of an action give types, too."""
     bag, store = write(bag_path(tmp_path, kind), kind, reported_on_the_hub), tmp_path / "robot.db"
     import_bag(bag, store, "tour", domain=DOMAIN)
     assert import_bag(bag, store, "tour").transactions == 0
@@ -211,8 +211,8 @@ def twice(messages):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_of_one_time_the_last_snapshot_counts(kind, tmp_path):
-    """Two snapshots of one nanosecond leave no trace of the first, and again no change."""
+def test_the_last_snapshot_of_a_time_counts(kind, tmp_path):
+    """Two snapshots of one nanosecond leave no trace of the first, and a second import is no change."""
     bag, store = write(bag_path(tmp_path, kind), kind, twice), tmp_path / "robot.db"
     for new in (2, 0):
         assert import_bag(bag, store, "tour", domain=DOMAIN).transactions == new
@@ -221,7 +221,7 @@ def test_of_one_time_the_last_snapshot_counts(kind, tmp_path):
 
 
 def test_a_bag_without_definitions(tmp_path):
-    """Bags of ROS 2 before Iron do not carry the definitions of their messages; those of PlanSys2 are known."""
+    """Bags of ROS 2 before Iron do not have the definitions of their messages; those of PlanSys2 are built in."""
     bag, store = write(tmp_path / "tour", "sqlite3", mission), tmp_path / "robot.db"
     with closing(sqlite3.connect(next(bag.glob("*.db3")))) as file:
         assert file.execute("DELETE FROM message_definitions").rowcount > 0
@@ -237,7 +237,7 @@ def one_snapshot(messages):
 
 
 def test_the_name_of_the_bag(tmp_path, monkeypatch):
-    """That of its directory, also from within and with dots in it, or that of its file without the ending."""
+    """The name of its directory, also from within and with dots in it, or of its file without the ending."""
     bag = write(tmp_path / "tour_2026.11.30", "mcap", one_snapshot)
     monkeypatch.chdir(bag)
     (file,) = bag.glob("*.mcap")
@@ -292,8 +292,8 @@ def unknown_action(messages):
         (unknown_action, r"/action_execution_info at 1970-01-01T00:00:00.000000006Z: .*no operator fly"),
     ],
 )
-def test_what_does_not_fit_is_refused(tmp_path, made, why):
-    """The sentence names the bag, and the topic and time of a message; what came before it is recorded."""
+def test_messages_that_do_not_fit_are_refused(tmp_path, made, why):
+    """The error names the bag, and the topic and time of a message; earlier messages are recorded."""
     bag, store = write(tmp_path / "tour", "sqlite3", made), tmp_path / "robot.db"
     with pytest.raises(kbstore.KbStoreError, match=why):
         import_bag(bag, store, "tour", domain=DOMAIN)
@@ -302,7 +302,7 @@ def test_what_does_not_fit_is_refused(tmp_path, made, why):
             assert kb.when("(open a)", 0, 100) == [(5, 100)]
 
 
-def test_the_history_of_something_else_is_left_alone(bag, tmp_path):
+def test_another_knowledge_base_is_left_alone(bag, tmp_path):
     """A knowledge base that was not made from this bag is not written to."""
     store = tmp_path / "robot.db"
     with kbstore.open(store, "tour") as kb:
@@ -313,8 +313,8 @@ def test_the_history_of_something_else_is_left_alone(bag, tmp_path):
         assert len(list(kb.changes())) == 1
 
 
-def test_files_that_are_no_bags(tmp_path):
-    """A file that is not there, and one that is something else."""
+def test_files_that_are_not_bags(tmp_path):
+    """A missing file, and one of another format."""
     with pytest.raises(FileNotFoundError):
         import_bag(tmp_path / "none.bag", tmp_path / "robot.db", domain=DOMAIN)
     for name in ("text.bag", "text.mcap", "text.db3", "text.txt", "directory"):
@@ -327,7 +327,7 @@ def test_files_that_are_no_bags(tmp_path):
     assert not (tmp_path / "robot.db").exists()
 
 
-def test_the_domain_is_asked_for(bag, tmp_path):
-    """A bag does not have it."""
+def test_a_domain_is_required(bag, tmp_path):
+    """A bag does not have the domain."""
     with pytest.raises(kbstore.InvalidKnowledge, match="does not have the domain; give it once"):
         import_bag(bag, tmp_path / "robot.db", "tour")

@@ -28,7 +28,7 @@ def test_one_file_stays_as_it_is(tmp_path):
 
 
 def test_sections_of_several_files_are_joined(tmp_path):
-    """Requirements and declarations that are equal occur once; what has no type is an object."""
+    """Requirements and declarations that are equal occur once; a name without a type is an object."""
     (tmp_path / "a.pddl").write_text(FIRST)
     (tmp_path / "b.pddl").write_text(SECOND)
     domain = read_domain(joint_domain(f"{tmp_path / 'a.pddl'}:{tmp_path / 'b.pddl'}"))
@@ -41,8 +41,8 @@ def test_sections_of_several_files_are_joined(tmp_path):
     assert domain.requirements == (":typing", ":strips", ":fluents")
 
 
-def test_what_is_not_a_domain(tmp_path):
-    """A file that is missing, or something else, is named."""
+def test_files_that_are_not_domains_are_refused(tmp_path):
+    """The error names a missing file, or one that is not a domain."""
     (tmp_path / "a.pddl").write_text(FIRST)
     (tmp_path / "p.pddl").write_text("(define (problem p))")
     with pytest.raises(PddlSyntaxError, match=r"p\.pddl.*not a domain"):

@@ -52,8 +52,8 @@ def notes(kb):
 # -- snapshots ------------------------------------------------------------------------------------------------
 
 
-def test_the_state_is_what_the_snapshot_says(kb, mirror):
-    """C13: what a snapshot does not list any more has ended; what it lists again goes on."""
+def test_the_state_is_that_of_the_snapshot(kb, mirror):
+    """C13: facts that a snapshot does not list have ended; those that it lists again continue."""
     mirror.knowledge(knowledge("r1 a b", ["(robot_at r1 a)", "(free r1)"]), seconds(101))
     mirror.knowledge(knowledge("r1 a b", ["(robot_at r1 b)", "(free r1)"]), seconds(102))
     assert held(kb) == ["(free r1)", "(robot_at r1 b)"]
@@ -62,29 +62,29 @@ def test_the_state_is_what_the_snapshot_says(kb, mirror):
     assert (free.initial_time, free.end_time) == (seconds(101), None)
 
 
-def test_a_snapshot_without_news_is_not_recorded(kb, mirror):
-    """C1: the same snapshot again takes no transaction, its goal included; also for a mirror that is new."""
+def test_an_unchanged_snapshot_is_not_recorded(kb, mirror):
+    """C1: the same snapshot again is no transaction, its goal included; also for a new mirror."""
     first = knowledge("r1 a", ["(robot_at r1 a)"], goal="(and (robot_at r1 a)(not (free r1)))")
     number = mirror.knowledge(first, seconds(101)).number
     assert mirror.knowledge(first, seconds(102)).number == number
     assert Mirror(kb, mirror._clock).knowledge(first, seconds(103)).number == number
 
 
-def test_what_others_write_does_not_last(kb, mirror):
-    """C13: a snapshot counts as a whole, also where something else has written since the last one."""
-    told = knowledge("r1 a b", ["(robot_at r1 a)"], goal="(and (free r1))")
-    mirror.knowledge(told, seconds(101))
+def test_writes_of_others_do_not_last(kb, mirror):
+    """C13: a snapshot counts as a whole, also where another client has written since the last one."""
+    snapshot = knowledge("r1 a b", ["(robot_at r1 a)"], goal="(and (free r1))")
+    mirror.knowledge(snapshot, seconds(101))
     kb.add("(free r1)", "(= (battery r1) 3)", client="somebody")
     kb.remove("a - room", client="somebody")
     kb.add_goal("(robot_at r1 b)", client="somebody")
-    mirror.knowledge(told, seconds(102))
+    mirror.knowledge(snapshot, seconds(102))
     assert held(kb) == ["(robot_at r1 a)"]
     assert kb.functions() == []
     assert [*map(str, kb.goals())] == ["(free r1)"]
 
 
 def test_an_object_that_comes_back_with_another_type(kb, mirror):
-    """C6, C9: what mentioned it ends with it, and what the snapshot says holds from then on."""
+    """C6, C9: its mentions end with it, and the snapshot's facts hold from then on."""
     mirror.knowledge(knowledge("r1 a", ["(robot_at r1 a)"]), seconds(101))
     mirror.give_types([param("a", "dock")])
     mirror.knowledge(knowledge("r1 a", ["(robot_at r1 a)"]), seconds(102))
@@ -122,7 +122,7 @@ def test_goals_as_plansys2_writes_them(kb, mirror, text, condition):
 
 
 def test_derived_predicates_and_constants_are_not_added(kb, mirror):
-    """PlanSys2 lists what is derived among the predicates, and constants among the instances (V9, C8)."""
+    """PlanSys2 lists derived facts among the predicates, and constants among the instances (V9, C8)."""
     mirror.knowledge(knowledge("hub r1 cup", ["(holding r1 cup)", "(busy r1)", "(robot_at r1 hub)"]), seconds(101))
     assert held(kb) == ["(holding r1 cup)", "(robot_at r1 hub)"]
     assert sorted(item.instance_name for item in kb.instances()) == ["cup", "r1"]
@@ -147,7 +147,7 @@ def test_functions_without_values_keep_the_recorded_ones(kb, mirror):
     assert [*map(str, kb.functions())] == ["(= (battery r1) 80.5)"]
 
 
-def test_a_snapshot_that_is_wrong_changes_nothing(kb, mirror):
+def test_an_invalid_snapshot_changes_nothing(kb, mirror):
     """D1: an object that is not listed among the instances is refused, and nothing is stored."""
     mirror.knowledge(knowledge("r1 a", ["(robot_at r1 a)"]), seconds(101))
     with pytest.raises(InvalidKnowledge, match="b"):
@@ -157,8 +157,8 @@ def test_a_snapshot_that_is_wrong_changes_nothing(kb, mirror):
     assert held(kb) == ["(robot_at r1 a)"]
 
 
-def test_a_clock_that_starts_again_is_told(kb, mirror):
-    """T3: a message from before what has been recorded is refused in words."""
+def test_a_restarted_clock_is_refused(kb, mirror):
+    """T3: a message from before the latest recorded time is refused; the error says why."""
     mirror.knowledge(knowledge("r1"), seconds(101))
     with pytest.raises(ClockWentBackwards):
         mirror.knowledge(knowledge("r1 a"), 0)
@@ -173,7 +173,7 @@ def test_a_domain_is_needed(kb, clock):
 # -- types of objects -----------------------------------------------------------------------------------------
 
 
-def untold(kb, clock, **options):
+def without_types(kb, clock, **options):
     return Mirror(kb, clock, domain=DOMAIN, **options)
 
 
@@ -182,8 +182,8 @@ def types(kb):
 
 
 def test_types_come_from_parameters_without_a_choice(kb, clock):
-    """The robot of (free r1) can only be a robot, as no type is below it."""
-    untold(kb, clock).knowledge(knowledge("r1 cup", ["(holding r1 cup)"], ["(battery r1)"]), seconds(101))
+    """The robot of (free r1) can only be a robot, as that has no subtypes."""
+    without_types(kb, clock).knowledge(knowledge("r1 cup", ["(holding r1 cup)"], ["(battery r1)"]), seconds(101))
     assert types(kb) == {"r1": "robot", "cup": "item"}
 
 
@@ -191,28 +191,28 @@ def test_types_with_a_choice_are_refused(kb, clock):
     """A room may be a dock: then the type comes from the problem, or the snapshot is refused with the choice."""
     message = knowledge("r1 a", ["(robot_at r1 a)"])
     with pytest.raises(InvalidKnowledge, match="the type of a is not given, and may be dock or room"):
-        untold(kb, clock).knowledge(message, seconds(101))
+        without_types(kb, clock).knowledge(message, seconds(101))
     problem = "(define (problem p) (:domain delivery) (:objects a - dock) (:init) (:goal (and)))"
-    untold(kb, clock, problem=problem).knowledge(message, seconds(102))
+    without_types(kb, clock, problem=problem).knowledge(message, seconds(102))
     assert types(kb) == {"r1": "robot", "a": "dock"}
 
 
 def test_an_object_in_no_predicate_is_refused(kb, clock):
-    """An object of which nothing is said may be of any type."""
+    """An object without facts may have any type."""
     with pytest.raises(InvalidKnowledge, match="type of thing"):
-        untold(kb, clock).knowledge(knowledge("thing"), seconds(101))
+        without_types(kb, clock).knowledge(knowledge("thing"), seconds(101))
 
 
 def test_later_snapshots_can_be_looked_at_first(kb, clock):
-    """`learn` infers types without recording: for bags, in which objects come before what is said of them."""
-    mirror = untold(kb, clock)
+    """`learn` infers types without recording: for bags, in which objects come before their facts."""
+    mirror = without_types(kb, clock)
     mirror.learn(knowledge("cup", ["(holding r1 cup)"]))
     mirror.knowledge(knowledge("cup"), seconds(101))
     assert types(kb) == {"cup": "item"}
 
 
-def test_two_places_leave_one_type(kb, clock):
-    """The type has to fit all places of an object; where none does, that is said."""
+def test_the_type_fits_all_facts_of_an_object(kb, clock):
+    """The type has to fit all facts of an object; where none does, the error says so."""
     domain = """(define (domain d) (:types pet car - object dog cat - pet)
         (:predicates (barks ?x - (either dog car)) (eats ?x - pet) (drives ?x - car)))"""
     mirror = Mirror(kb, clock, domain=domain)
@@ -224,7 +224,7 @@ def test_two_places_leave_one_type(kb, clock):
 
 
 def test_types_are_known_after_a_restart(kb, clock, mirror):
-    """What the knowledge base has recorded is not asked again."""
+    """The recorded types are used."""
     mirror.knowledge(knowledge("r1 a", ["(robot_at r1 a)"]), seconds(101))
     again = Mirror(kb, clock)
     assert again.missing_types(knowledge("r1 a cup hub")) == ["cup"]
@@ -241,7 +241,7 @@ def moving(mirror):
 
 
 def test_an_execution_becomes_a_run(kb, moving):
-    """`actions_hub` tells starts and ends as they happen; the reports of each second add nothing."""
+    """`actions_hub` reports starts and ends as they happen; the reports of each second add nothing."""
     moving.actions_hub(hub(CONFIRM, MOVE), seconds(102))
     moving.action_execution_info(info(EXECUTING, seconds(102), MOVE, duration=seconds(12)), seconds(103))
     moving.actions_hub(hub(FEEDBACK, MOVE), seconds(104))
@@ -264,7 +264,7 @@ def test_an_execution_is_known_from_its_reports_alone(kb, moving):
 
 
 def test_the_report_before_the_confirmation(kb, moving):
-    """Topics are not in order with each other: whichever comes first is recorded, once."""
+    """Topics are not ordered among each other: the first report is recorded, once."""
     moving.action_execution_info(info(EXECUTING, seconds(102), MOVE), seconds(102))
     moving.actions_hub(hub(CONFIRM, MOVE), seconds(102))
     moving.action_execution_info(info(SUCCEEDED, seconds(102), MOVE), seconds(107))
@@ -285,7 +285,7 @@ def test_the_report_before_the_confirmation(kb, moving):
     ],
 )
 def test_failures_abort(kb, moving, message, outcome):
-    """Only what succeeds has ended; a failure and a cancellation abort."""
+    """Only a success ends a run; a failure and a cancellation abort it."""
     moving.actions_hub(hub(CONFIRM, MOVE), seconds(102))
     if hasattr(message, "node_id"):
         moving.actions_hub(message, seconds(105))
@@ -295,7 +295,7 @@ def test_failures_abort(kb, moving, message, outcome):
 
 
 def test_effects_are_left_to_the_snapshots(kb, moving):
-    """PlanSys2 applies effects itself, and before a start is confirmed; a run changes no fact and no number."""
+    """PlanSys2 applies effects itself, before a start is confirmed; a run changes no fact and no number."""
     moving.knowledge(knowledge("r1 a b", functions=["(battery r1)"]), seconds(102), [node(FUNCTION, "battery", "r1")])
     moving.actions_hub(hub(CONFIRM, MOVE), seconds(103))
     moving.actions_hub(hub(FINISH, MOVE, success=True), seconds(104))
@@ -305,7 +305,7 @@ def test_effects_are_left_to_the_snapshots(kb, moving):
 
 
 def test_the_same_action_again_is_another_run(kb, moving):
-    """Executions of equal actions are told apart by their starts."""
+    """Executions of equal actions are distinguished by their starts."""
     for start in (102, 106):
         moving.actions_hub(hub(CONFIRM, MOVE), seconds(start))
         moving.action_execution_info(info(EXECUTING, seconds(start), MOVE), seconds(start + 1))
@@ -315,14 +315,14 @@ def test_the_same_action_again_is_another_run(kb, moving):
 
 
 def test_an_execution_between_two_reports(kb, moving):
-    """One that has ended when it is reported first is recorded as a run without length."""
+    """One that has ended at its first report is recorded as a run without length."""
     moving.action_execution_info(info(SUCCEEDED, seconds(102), MOVE), seconds(103))
     moving.action_execution_info(info(SUCCEEDED, seconds(102), MOVE), seconds(104))
     assert runs(kb) == [(MOVE, 103, 103, "ended")]
 
 
 def test_a_restart_in_the_middle(kb, clock, moving):
-    """What a mirror recorded is known to the next: a run goes on, and what has ended is not recorded again."""
+    """A new mirror knows the recorded runs: they continue, and ended ones are not recorded again."""
     wait = "(wait)"
     moving.actions_hub(hub(CONFIRM, MOVE), seconds(102))
     moving.actions_hub(hub(CONFIRM, wait), seconds(103))
@@ -335,7 +335,7 @@ def test_a_restart_in_the_middle(kb, clock, moving):
 
 
 def test_an_end_that_was_missed(kb, clock, moving):
-    """Where the same action executes again after a gap, the run before it is aborted, as nobody saw its end."""
+    """Where the same action executes again after a gap, the run before it is aborted, as its end is not known."""
     moving.actions_hub(hub(CONFIRM, MOVE), seconds(102))
     again = Mirror(kb, clock)
     again.action_execution_info(info(EXECUTING, seconds(150), MOVE), seconds(151))
@@ -352,7 +352,7 @@ def test_stamps_of_another_clock(kb, moving):
 
 
 def test_the_plan_is_a_note(kb, moving):
-    """The first start after a plan has it as its note, and durations come from it where nothing else tells them."""
+    """The first start after a plan has it as its note, and durations come from it where nothing else gives them."""
     steps = plan((0.0, MOVE, 12.5), (12.501, "(wait)", 1.0))
     moving.plan(steps)
     moving.actions_hub(hub(CONFIRM, MOVE), seconds(102))
@@ -367,14 +367,14 @@ def test_the_plan_is_a_note(kb, moving):
 
 
 def test_an_instantaneous_action_takes_time_where_it_is_executed(kb, mirror):
-    """PlanSys2 executes actions that PDDL takes for instantaneous: they are runs, too."""
+    """PlanSys2 executes actions that are instantaneous in PDDL: they are runs, too."""
     mirror.knowledge(knowledge("r1 a cup", ["(robot_at r1 a)"]), seconds(101))
     mirror.actions_hub(hub(CONFIRM, "(grab r1 cup a)"), seconds(102))
     mirror.actions_hub(hub(FINISH, "(grab r1 cup a)", success=True), seconds(103))
     assert runs(kb) == [("(grab r1 cup a)", 102, 103, "ended")]
 
 
-def test_what_is_no_execution_of_an_action(kb, moving):
+def test_entries_that_are_not_executions(kb, moving):
     """The executor's entry for the initial state is skipped; an unknown action or object is an error."""
     moving.action_execution_info(info(SUCCEEDED, seconds(101), "(INIT)", name=":0"), seconds(102))
     with pytest.raises(UnknownSymbol):

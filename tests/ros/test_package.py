@@ -19,7 +19,7 @@ PACKAGE = ROOT / "ros2" / "kbstore_ros"
 
 @pytest.fixture
 def setup(monkeypatch):
-    """What setup.py tells setuptools."""
+    """The arguments of setup.py for setuptools."""
     found = {}
     monkeypatch.setitem(sys.modules, "setuptools", type("Setuptools", (), {"setup": staticmethod(found.update)}))
     runpy.run_path(str(PACKAGE / "setup.py"))
@@ -59,15 +59,15 @@ def test_the_executables_pass_arguments_on(monkeypatch):
 
 
 def test_the_executables_run_with_the_python_of_the_shell():
-    """Kbstore may be in a virtual environment, which colcon's own Python, whose path they would have, does not see."""
+    """Kbstore may be in a virtual environment, which colcon's own Python does not see."""
     settings = configparser.ConfigParser()
     settings.read(PACKAGE / "setup.cfg")
     assert settings["build_scripts"]["executable"] == "/usr/bin/env python3"
     assert settings["install"]["install_scripts"] == "$base/lib/kbstore_ros"
 
 
-def test_a_python_without_kbstore_is_told(monkeypatch):
-    """An executable says which Python has no kbstore, and what to do."""
+def test_a_python_without_kbstore_is_named(monkeypatch):
+    """The executable's error names the Python without kbstore, and says what to do."""
     monkeypatch.setitem(sys.modules, "kbstore.cli.app", None)
     with pytest.raises(SystemExit, match=f"by {sys.executable}.* -m pip install kbstore"):
         runpy.run_path(str(PACKAGE / "kbstore_ros" / "executables.py"))

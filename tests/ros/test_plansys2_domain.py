@@ -1,4 +1,4 @@
-"""PlanSys2's domain expert on a knowledge base: what the domain declares, as PlanSys2's clients expect it."""
+"""PlanSys2's domain expert on a knowledge base: the declarations of the domain, in the form of PlanSys2's clients."""
 
 import pytest
 
@@ -92,7 +92,7 @@ def test_predicates_and_functions_are_listed_by_name(expert):
 
 
 def test_the_details_of_symbols(expert):
-    """PlanSys2 names parameters by type and position, and gives the types below."""
+    """PlanSys2 names parameters by type and position, and lists the subtypes."""
     found = answer(expert, "get_domain_predicate_details", "node", expression="ROBOT_AT")
     assert parameters(found.parameters) == [("?robot0", "robot", []), ("?room1", "room", ["teleporter_room"])]
     found = answer(expert, "get_domain_function_details", "node", expression="battery")
@@ -102,7 +102,7 @@ def test_the_details_of_symbols(expert):
 
 
 def test_actions_are_listed_by_kind(expert):
-    """Instantaneous and durative actions are apart."""
+    """Instantaneous and durative actions are separate."""
     assert answer(expert, "get_domain_actions", "actions") == ["meet", "shout"]
     assert answer(expert, "get_domain_durative_actions", "actions") == ["move", "drain"]
 
@@ -124,7 +124,7 @@ def test_a_durative_action(expert):
 
 
 def test_an_action_with_arguments(expert):
-    """Arguments stand for parameters as far as they are given, also where a condition is grounded."""
+    """Arguments replace parameters as far as they are given, also in quantified conditions."""
     move = answer(
         expert,
         "get_domain_durative_action_details",
@@ -149,7 +149,7 @@ def test_types_of_arguments_are_in_the_tree(expert):
 
 
 def test_actions_that_are_refused(expert):
-    """Unknown ones, those of the other kind, too many arguments, and what the messages cannot carry."""
+    """Unknown ones, those of the other kind, too many arguments, and conditions that the messages cannot carry."""
     assert "no operator fly" in refusal(expert, "get_domain_action_details", action="fly")
     assert "takes time" in refusal(expert, "get_domain_action_details", action="move")
     assert "takes no time" in refusal(expert, "get_domain_durative_action_details", durative_action="meet")
@@ -179,7 +179,7 @@ def test_the_domain_is_written_in_pddl(expert):
 
 
 def test_without_a_domain_everything_is_refused():
-    """Every service says that a domain has to be loaded."""
+    """The error of every service says that a domain has to be loaded."""
     with kbstore.open("sqlite://", "experts", clock=ManualClock()) as kb:
         expert = DomainExpert(kb, Messages())
         assert {"load one" in refusal(expert, service) for service in expert.TYPES} == {True}

@@ -102,7 +102,7 @@ def parameters(place, *more, **values):
 
 @pytest.fixture
 def experts(tester, place):
-    """Starts the process of both experts, neither of them configured, and waits for its end."""
+    """Start the process of both experts, neither of them configured, and wait for its end."""
 
     @contextmanager
     def starting(*arguments):
@@ -158,7 +158,7 @@ def opened(place, **options):
 
 
 def test_the_lifecycle(tester, calls, place, experts):
-    """Unconfigured it refuses in words; inactive it answers and publishes nothing; cleaned up it lets the store go."""
+    """Unconfigured it refuses with a reason; inactive it answers without publishing; cleaned up it closes the store."""
     known = tester.received(msg.Knowledge, "problem_expert/knowledge", LATCHED)
     with experts(*parameters(place, problem_file=place / "problem.pddl")):
         assert "not configured" in calls.fails("add_problem_instance", param=param("r9", "robot"))
@@ -185,8 +185,8 @@ def test_the_lifecycle(tester, calls, place, experts):
     assert len(known) == 1
 
 
-def test_what_cannot_be_configured(tester, calls, place, experts):
-    """Without a domain, and with files that are wrong, the transition fails and the log says why."""
+def test_configuration_fails_with_a_reason(tester, calls, place, experts):
+    """Without a domain, and with invalid files, the transition fails and the log says why."""
     with experts():
         assert not tester.change("domain_expert", CONFIGURE)
         assert tester.state("domain_expert") == "unconfigured"
@@ -285,8 +285,8 @@ def test_every_service_with_good_and_bad_arguments(tester, calls, place, experts
         assert {change.transaction.client for change in kb.changes()} == {"domain_expert", "problem_expert"}
 
 
-def test_what_is_published(tester, calls, place, experts):
-    """Each change notifies, and publishes the knowledge but for two; who comes late gets the last."""
+def test_changes_are_published(tester, calls, place, experts):
+    """Each change notifies, and all but two publish the knowledge; a late subscriber gets the last message."""
     with experts(*parameters(place, problem_file=place / "problem.pddl")):
         calls.start()
         updates = tester.received(Empty, "problem_expert/update_notify")
@@ -303,7 +303,7 @@ def test_what_is_published(tester, calls, place, experts):
         until(lambda: late)
         time.sleep(0.5)
         assert (len(updates), len(known)) == (3, 2)
-        # of changes in quick succession at least what is known after the last
+        # of changes in quick succession at least the state after the last
         for number in range(20):
             calls.succeeds("add_problem_predicate" if number % 2 else "remove_problem_predicate", node=at("b"))
         calls.succeeds("add_problem_instance", param=param("r2", "robot"))
@@ -313,8 +313,8 @@ def test_what_is_published(tester, calls, place, experts):
     assert late[0].goal == "(and (robot_at r1 b))"
 
 
-def test_a_restart_goes_on_where_it_was(calls, place, experts):
-    """Killed and started again with the same files, it has what it had acknowledged, and loads nothing again."""
+def test_a_restart_continues(calls, place, experts):
+    """Killed and started again with the same files, it has its acknowledged changes, and loads nothing again."""
     arguments = parameters(place, problem_file=place / "problem.pddl")
     with experts(*arguments) as process:
         calls.start()
@@ -348,7 +348,7 @@ def test_calls_from_four_threads(calls, place, experts):
 
 
 def test_a_simulated_clock(tester, calls, place, experts):
-    """With use_sim_time a transaction has the simulator's time; a clock that starts again at 0 is told in words."""
+    """With use_sim_time a transaction has the simulator's time; for a clock that restarts at 0 the error says so."""
     clock = tester.node.create_publisher(Clock, "/clock", 10)
     now = [seconds(50)]
     stop = threading.Event()
@@ -434,14 +434,14 @@ def test_the_cost_of_a_call(tester, calls, place, capsys, experts):
                     lambda: kb.value("(battery r1)"),
                 ),
                 (
-                    # PlanSys2 asks for what is derived, too
+                    # PlanSys2 asks for derived facts, too
                     "get_problem_predicates",
                     lambda: calls("get_problem_predicates"),
                     lambda: [kb.propositions(), kb.find("(busy ?r)")],
                 ),
                 ("get_problem", lambda: calls("get_problem"), kb.to_pddl),
                 (
-                    # what is known is published, too
+                    # the knowledge is published, too
                     "remove_problem_predicate and add_problem_predicate, in turns",
                     lambda: calls(f"{next(services)}_problem_predicate", node=at("a")),
                     lambda: next(changes)(other),
@@ -506,7 +506,7 @@ class Script:
         return response
 
     def publish(self):
-        """Notify, and publish what is known, as PlanSys2 does at each change."""
+        """Notify, and publish the knowledge, as PlanSys2 does at each change."""
         self.notify()
         self._knowledge.publish(
             msg.Knowledge(
@@ -537,7 +537,7 @@ class Script:
         self._info.publish(message)
 
     def heard(self):
-        """Wait until the recorder listens to every topic."""
+        """Wait until the recorder is subscribed to every topic."""
         until(lambda: all(publisher.get_subscription_count() for publisher in self._publishers))
 
 
@@ -550,7 +550,7 @@ def script(tester):
 
 @pytest.fixture
 def recorder(tester, place):
-    """Starts the recorder, and waits for its end."""
+    """Start the recorder, and wait for its end."""
 
     @contextmanager
     def starting(*arguments):
@@ -565,7 +565,7 @@ def recorder(tester, place):
 
 @contextmanager
 def watched(script, place):
-    """The knowledge base while it is recorded, once the recorder listens."""
+    """The knowledge base being recorded, once the recorder is subscribed."""
     script.heard()
     with opened(place, read_only=True) as kb:
         yield kb
@@ -600,7 +600,7 @@ def test_a_mission_is_recorded_through_a_kill(tester, script, recorder, place):
         until(lambda: kb.state().running)
         process.kill()
         process.wait(PATIENCE)
-    # meanwhile PlanSys2 goes on
+    # meanwhile PlanSys2 continues
     script.predicates, script.functions["(battery r1)"] = ["(free r1)", "(robot_at r1 b)"], 70
     script.publish()
     with recorder(), watched(script, place) as kb:
@@ -623,7 +623,7 @@ def test_a_mission_is_recorded_through_a_kill(tester, script, recorder, place):
 
 
 def few_move(turn, item):
-    """Of 1,000 items 20 are in one room, and in each turn other 20: 40 facts change."""
+    """Of 1,000 items 20 are in one room, and in each turn another 20: 40 facts change."""
     return "hub" if (item + turn) % 50 == 0 else "r0"
 
 
@@ -633,7 +633,7 @@ def all_move(turn, item):
 
 
 def test_snapshots_of_a_thousand_facts(tester, script, recorder, place, capsys):
-    """At 10 a second the recorder keeps up, and of a burst it takes the latest. What it does is printed."""
+    """At 10 a second the recorder keeps up, and of a burst it takes the latest. The figures are printed."""
     script.instances = {f"r{number}": "room" for number in range(10)} | {f"i{number}": "item" for number in range(1000)}
     script.instances["hub"] = "dock"
     said = []
@@ -643,7 +643,7 @@ def test_snapshots_of_a_thousand_facts(tester, script, recorder, place, capsys):
         script.publish()
 
     def recorded(act, *arguments):
-        """How many snapshots were recorded of what is published, and how long after the end of that the last was."""
+        """The number of recorded snapshots, and the time from the last publication to the last recording."""
         before = len(kb.transactions())
         act(*arguments)
         end = time.monotonic()
@@ -673,7 +673,7 @@ def test_snapshots_of_a_thousand_facts(tester, script, recorder, place, capsys):
 
 
 def test_a_simulation_that_starts_again_ends_the_recorder(tester, script, recorder, place):
-    """The recorder says in one line that the clock is behind what it has recorded, and exits with 2."""
+    """The recorder says in one line that the clock is behind its latest time, and exits with 2."""
     (place / "domain.pddl").write_text(DOMAIN)
     with kbstore.open(place / "robot.db", "kenny", clock=ManualClock(2 * time.time_ns() // 10**9 * 10**9)) as kb:
         kb.load(DOMAIN)
@@ -685,7 +685,7 @@ def test_a_simulation_that_starts_again_ends_the_recorder(tester, script, record
 
 
 def test_a_recorder_that_waits_can_be_stopped(recorder, place):
-    """Interrupted while it waits for a domain, it has nothing to say."""
+    """Interrupted while it waits for a domain, it prints nothing."""
     log = place / "recorder.log"
     with recorder():
         until(lambda: "waiting for domain_expert/get_domain" in log.read_text())
@@ -702,7 +702,7 @@ def recorder_here(tester, place):
 
 
 def test_a_recorder_that_cannot_go_on_ends(recorder_here, monkeypatch):
-    """Whatever ends the recording ends the recorder: it must not seem to record."""
+    """Any error that ends the recording ends the recorder: it must not seem to record."""
 
     def broken(self):
         raise ZeroDivisionError
@@ -714,8 +714,8 @@ def test_a_recorder_that_cannot_go_on_ends(recorder_here, monkeypatch):
     assert woken
 
 
-def test_what_comes_while_the_store_is_away_is_recorded_later(recorder_here, monkeypatch):
-    """In its order, and of snapshots the latest alone."""
+def test_messages_while_the_store_is_away_are_recorded_later(recorder_here, monkeypatch):
+    """In their order; of snapshots only the latest."""
     recorded, refused, follows = [], ["start", "first", "third"], {"first": "second", "second": "third"}
 
     def record(self, mirror, kind, message, received):
@@ -738,7 +738,7 @@ def test_what_comes_while_the_store_is_away_is_recorded_later(recorder_here, mon
 
 
 def test_a_recorder_that_begins_among_snapshots_does_not_wait_for_their_end(recorder_here, monkeypatch):
-    """Who comes late gets older snapshots first, at once; those that keep coming are recorded."""
+    """A late subscriber gets older snapshots first, at once; it records while they keep coming."""
     recorded, most = [], 200
 
     def record(self, mirror, kind, message, received):
@@ -762,8 +762,8 @@ def test_a_recorder_that_begins_among_snapshots_does_not_wait_for_their_end(reco
     assert recorded[0] not in (0, most - 1)
 
 
-def test_an_error_is_told_and_the_recorder_goes_on(script, recorder, place):
-    """What cannot be recorded is logged in words; the next snapshot is recorded."""
+def test_an_error_is_logged_and_the_recorder_continues(script, recorder, place):
+    """A message that cannot be recorded is logged with the reason; the next snapshot is recorded."""
     script.instances = {"r1": "robot", "a": "room"}
     script.predicates = ["(robot_at r1 cellar)"]
     script.publish()

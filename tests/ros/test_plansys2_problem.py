@@ -1,4 +1,4 @@
-"""PlanSys2's problem expert on a knowledge base: PlanSys2's own expectations, and answers that the state bears out."""
+"""PlanSys2's problem expert on a knowledge base: PlanSys2's own expectations, and answers compared with the state."""
 
 import pytest
 
@@ -100,7 +100,7 @@ def test_instances_that_are_refused(filled, instance, reason):
     assert reason in fails(filled, "add_problem_instance", param=instance)
 
 
-def test_a_constant_is_there_already(expert, kb):
+def test_a_constant_exists_already(expert, kb):
     """PlanSys2 takes a constant for an instance; here it always exists (C8), and cannot be removed."""
     succeeds(expert, "add_problem_instance", param=param("hall", "Teleporter_Room"))
     assert "constant" in fails(expert, "remove_problem_instance", param=param("hall"))
@@ -108,15 +108,15 @@ def test_a_constant_is_there_already(expert, kb):
     assert kb.instances() == []
 
 
-def test_an_instance_has_its_type_and_those_below(filled):
+def test_an_instance_has_its_type_and_subtypes(filled):
     """`Param` has the type and its subtypes."""
     found = succeeds(filled, "get_problem_instance", instance="Kitchen").instance
     assert (found.name, found.type, found.sub_types) == ("kitchen", "room", ["teleporter_room"])
     assert "no object yoda" in fails(filled, "get_problem_instance", instance="yoda")
 
 
-def test_an_instance_takes_what_mentions_it_along(filled, kb):
-    """Facts, functions and parts of the goal that mention it end with it (C9); its type need not be told."""
+def test_removing_an_instance_ends_its_mentions(filled, kb):
+    """Facts, functions and parts of the goal that mention it end with it (C9); its type need not be given."""
     succeeds(filled, "add_problem_predicate", node=predicate("robot_at", "leia", "kitchen"))
     succeeds(filled, "add_problem_predicate", node=predicate("person_at", "jack", "bedroom"))
     succeeds(filled, "add_problem_function", node=function("distance", "kitchen", "bedroom", value=3))
@@ -134,7 +134,7 @@ def test_an_instance_takes_what_mentions_it_along(filled, kb):
 
 
 @pytest.mark.parametrize("name", ["yoda", "", "?", "?r"])
-def test_an_instance_that_is_not_there_cannot_be_removed(filled, name):
+def test_an_unknown_instance_cannot_be_removed(filled, name):
     """PlanSys2 refuses it, too; a ``?`` does not remove everything."""
     assert "no object" in fails(filled, "remove_problem_instance", param=param(name))
     assert len(instances(filled)) == 5
@@ -186,7 +186,7 @@ def test_subtypes_fit(filled):
 
 
 def test_a_predicate_is_removed(filled, kb):
-    """What does not hold may be removed. A delete effect's node has `negate` set, and removes the fact."""
+    """A fact that does not hold may be removed. A delete effect's node has `negate` set, and removes the fact."""
     at = predicate("robot_at", "leia", "kitchen")
     succeeds(filled, "add_problem_predicate", node=at)
     succeeds(filled, "remove_problem_predicate", node=predicate("robot_at", "leia", "kitchen", negate=True))
@@ -195,7 +195,7 @@ def test_a_predicate_is_removed(filled, kb):
 
 
 def test_a_wildcard_removes_nothing(filled, kb):
-    """A ``?`` is no object for PlanSys2: it must not remove all that matches, as it does in `kb.remove`."""
+    """A ``?`` is not an object for PlanSys2: it must not remove all matches, as it does in `kb.remove`."""
     succeeds(filled, "add_problem_predicate", node=predicate("robot_at", "leia", "kitchen"))
     assert "no object ?" in fails(filled, "remove_problem_predicate", node=predicate("robot_at", "leia", "?"))
     assert kb.holds("(robot_at leia kitchen)")
@@ -213,7 +213,7 @@ def test_derived_predicates(filled):
 
 
 def test_an_explicitly_false_fact_is_not_listed(filled, kb):
-    """`negate` makes it false (V2); a list of predicates has what is true."""
+    """`negate` makes it false (V2); a list of predicates has the true ones."""
     succeeds(filled, "add_problem_predicate", node=predicate("quiet", negate=True))
     assert [*map(str, kb.propositions())] == ["(not (quiet))"]
     assert states(filled, "get_problem_predicates") == []
@@ -221,7 +221,7 @@ def test_an_explicitly_false_fact_is_not_listed(filled, kb):
     assert "does not hold" in fails(filled, "get_problem_predicate", expression="(quiet)")
 
 
-def test_a_question_that_is_wrong_does_not_exist(filled):
+def test_an_invalid_node_does_not_exist(filled):
     """`ExistNode` has no field for a reason."""
     assert call(filled, "exist_problem_predicate", node=predicate("flies", "leia")).exist is False
     assert call(filled, "exist_problem_function", node=function("height", "leia")).exist is False
@@ -282,7 +282,7 @@ def test_a_goal_replaces_the_goal(filled, kb):
 
 
 def test_a_goal_may_be_a_disjunction_or_a_comparison(filled, kb):
-    """What is asked back means the same."""
+    """The returned goal has the same meaning."""
     goal = tree(
         node(NodeType.OR, children=[1, 2]),
         predicate("robot_at", "leia", "kitchen"),
@@ -321,7 +321,7 @@ def test_the_goal_is_removed(filled):
 
 
 def test_whether_a_goal_is_satisfied(filled):
-    """The goal of the request is asked, not the stored one; an empty one is satisfied."""
+    """The goal of the request is evaluated, not the stored one; an empty one is satisfied."""
     goal = conjunction(predicate("robot_at", "leia", "kitchen"))
     assert succeeds(filled, "is_problem_goal_satisfied", tree=goal).satisfied is False
     succeeds(filled, "add_problem_predicate", node=predicate("robot_at", "leia", "kitchen"))
@@ -335,8 +335,8 @@ def test_whether_a_goal_is_satisfied(filled):
 # -- problems -------------------------------------------------------------------------------------------------
 
 
-def test_a_problem_is_added_to_what_holds(expert, kb):
-    """Its goal replaces the goal; what it says twice is said once."""
+def test_a_problem_is_added_to_the_state(expert, kb):
+    """Its goal replaces the goal; a repeated item is added once."""
     succeeds(expert, "add_problem_instance", param=param("r2d2", "robot"))
     succeeds(expert, "add_problem_goal", tree=conjunction(predicate("quiet")))
     for _ in range(2):
@@ -391,7 +391,7 @@ def test_everything_is_cleared(expert, kb):
     assert len(kb.history("(robot_at ? ?)")) == 1
 
 
-def test_the_knowledge_that_is_published(expert):
+def test_the_published_knowledge(expert):
     """Objects with constants, facts with derived ones, functions without values, and the goal as PDDL."""
     empty = expert.knowledge()
     assert (empty.instances, empty.predicates, empty.functions, empty.goal) == (["hall"], [], [], "")
@@ -407,21 +407,21 @@ def test_the_knowledge_that_is_published(expert):
     assert found.goal == "(and (talked leia jack))"
 
 
-def test_the_transactions_tell_the_client_and_the_service(filled, kb):
+def test_transactions_record_the_client_and_the_service(filled, kb):
     """Each service changes the knowledge base in one transaction."""
     succeeds(filled, "add_problem_predicate", node=predicate("quiet"))
     last = [*kb.changes()][-1].transaction
     assert (last.client, last.note, last.changes) == ("problem_expert", "add_problem_predicate", 1)
 
 
-def test_a_clock_that_starts_again_is_told(filled, kb):
-    """A simulation that starts again at 0 is refused in words (T3)."""
+def test_a_restarted_clock_is_refused(filled, kb):
+    """A simulation that restarts at 0 is refused; the error says why (T3)."""
     kb._clock.set(0)
     assert "clock" in fails(filled, "add_problem_predicate", node=predicate("quiet"))
 
 
 def test_which_services_publish():
-    """All that change something notify; two of them, as in PlanSys2, publish no `Knowledge`."""
+    """All changes notify; two of them, as in PlanSys2, publish no `Knowledge`."""
     assert sorted(ProblemExpert.CHANGING) == [
         "add_problem",
         "add_problem_function",

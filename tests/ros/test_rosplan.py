@@ -1,4 +1,4 @@
-"""ROSPlan's 19 services and its topic, by doubles of its messages: each answer beside the state."""
+"""ROSPlan's 19 services and its topic, by doubles of its messages: each answer compared with the state."""
 
 import pytest
 
@@ -42,7 +42,7 @@ BATTERY = (("r", "kenny"),)
 
 
 class Rosplan:
-    """The services as a client of them, with what was published and reported."""
+    """The services as a client of them, with published messages and reported errors."""
 
     def __init__(self, kb):
         self.kb, self.published, self.reported = kb, [], []
@@ -69,7 +69,7 @@ def clock():
 
 @pytest.fixture
 def opened(clock):
-    """Opens a knowledge base in memory with the domain and some objects."""
+    """Open a knowledge base in memory with the domain and some objects."""
     made = []
 
     def opening(**options):
@@ -90,7 +90,7 @@ def rosplan(opened):
 
 
 def texts(items):
-    """Answered items as PDDL."""
+    """Returned items as PDDL."""
     return [str(kbstore.item(item)) for item in items]
 
 
@@ -116,7 +116,7 @@ def test_name_and_types(rosplan):
 
 
 def test_predicates_functions_and_operators(rosplan):
-    """What is declared, in order, each with labels and types."""
+    """The declarations, in order, each with labels and types."""
     predicates = rosplan("domain/predicates").items
     assert [found.name for found in predicates] == ["at", "linked", "busy", "closed"]
     assert values(predicates[1]) == [("from", "place"), ("to", "place")]
@@ -170,14 +170,14 @@ def test_operator_details_have_every_field(rosplan):
 
 
 def test_an_action_without_duration_is_at_start(rosplan):
-    """ROSPlan lists what an instantaneous action needs and does as at start."""
+    """ROSPlan lists conditions and effects of an instantaneous action as at start."""
     op = rosplan("domain/operator_details", name="lock").op
     assert [found.name for found in op.at_start_neg_condition] == ["closed"]
     assert [found.name for found in op.at_start_add_effects] == ["closed"]
 
 
-def test_predicate_details_tell_what_is_sensed(rosplan):
-    """A predicate is sensed once it has been marked so, by a transaction of the caller."""
+def test_predicate_details_mark_sensed_predicates(rosplan):
+    """A predicate is sensed once it was marked so, by a transaction of the caller."""
     found = rosplan("domain/predicate_details", name="busy")
     assert (found.predicate.name, values(found.predicate), found.is_sensed) == ("busy", [("r", "robot")], False)
     assert rosplan("update_sensed_predicates", name="busy", value=True).success
@@ -188,7 +188,7 @@ def test_predicate_details_tell_what_is_sensed(rosplan):
     assert not rosplan("domain/predicate_details", name="busy").is_sensed
 
 
-def test_what_the_domain_does_not_have_is_an_error(rosplan):
+def test_unknown_symbols_are_errors(rosplan):
     """V8: an operator, predicate or type that the domain lacks is named, with those that it has."""
     for service, name in (("operator_details", "fly"), ("predicate_details", "battery")):
         with pytest.raises(kbstore.UnknownSymbol, match=f"no (operator|predicate) {name}"):
@@ -205,7 +205,7 @@ def test_what_the_domain_does_not_have_is_an_error(rosplan):
 
 
 def test_instances_by_type(rosplan):
-    """Objects of exactly a type; with subtypes, those of subtypes of subtypes, too; constants on demand."""
+    """Objects of exactly a type; with subtypes, at any depth; constants on demand."""
 
     def names(type_name, constants=False, subtypes=False):
         found = rosplan(
@@ -223,7 +223,7 @@ def test_instances_by_type(rosplan):
 
 
 def test_propositions_and_functions(rosplan, clock):
-    """Items of one symbol or all, with labels, sign, value, and the time since when they hold, to the nanosecond."""
+    """Items of one symbol or all, with labels, sign, value, and initial time, to the nanosecond."""
     clock.set(START + 1_500_000_007)
     rosplan.kb.add("(not (busy kenny))", "(= (battery kenny) 80.25)", "(= (cost) 0)")
     busy, at = sorted(rosplan("state/propositions").attributes, key=lambda item: -item.is_negative)
@@ -237,7 +237,7 @@ def test_propositions_and_functions(rosplan, clock):
 
 
 def test_the_message_of_a_fact_is_made_once(rosplan, clock):
-    """What holds as before is the same message; with another time or sign it is another. Numbers are made each time."""
+    """An unchanged fact is the same message; with another time or sign it is another. Numbers are made each time."""
 
     def ask(service):
         (found,) = rosplan(service, predicate_name="").attributes
@@ -256,14 +256,14 @@ def test_the_message_of_a_fact_is_made_once(rosplan, clock):
     assert ask("state/functions") is not zero
 
 
-def test_a_predicate_is_no_function(rosplan):
+def test_a_predicate_is_not_a_function(rosplan):
     """ROSPlan asks for the values of a predicate and expects none, and the other way round."""
     assert rosplan("state/functions", predicate_name="linked").attributes == []
     assert rosplan("state/propositions", predicate_name="battery").attributes == []
 
 
 def test_timed_knowledge(rosplan, clock):
-    """What is to come is listed with its time, and no longer once it has come."""
+    """Scheduled items are listed with their time, and no longer once it has come."""
     later = given("KnowledgeItem").initial_time
     later.secs, later.nsecs = 1010, 7
     assert rosplan.update(ADD, ITEMS.fact("at", (*AT_HALL[:1], ("p", "dock")), initial_time=later))
@@ -278,7 +278,7 @@ def test_timed_knowledge(rosplan, clock):
 
 
 def test_scheduled_knowledge_is_cancelled_at_its_time(rosplan):
-    """C5: removing with the time of what is scheduled cancels it, and leaves what holds alone."""
+    """C5: removing with the time of a scheduled item cancels it, and leaves the current one alone."""
     soon = given("KnowledgeItem").initial_time
     soon.secs = 1010
     item = ITEMS.fact("at", AT_HALL, initial_time=soon)
@@ -290,7 +290,7 @@ def test_scheduled_knowledge_is_cancelled_at_its_time(rosplan):
 
 
 def test_goals_and_metric(rosplan):
-    """Facts, negative facts and comparisons as goals, whatever name is asked for; and the metric."""
+    """Facts, negative facts and comparisons as goals, for any requested name; and the metric."""
     empty = rosplan("state/metric").metric
     assert (empty.knowledge_type, empty.optimization, empty.expr.tokens) == (0, "", [])
     assert rosplan.update(ADD_GOAL, ITEMS.fact("at", (("r", "kenny"), ("p", "dock"))))
@@ -335,7 +335,7 @@ def test_query(rosplan):
 
 
 def test_a_question_about_an_unknown_predicate_is_an_error(rosplan):
-    """V8: it is told, and not answered with false."""
+    """V8: it is an error, and not answered with false."""
     with pytest.raises(kbstore.UnknownSymbol, match="flying"):
         rosplan.query(ITEMS.fact("flying", BATTERY))
 
@@ -343,7 +343,7 @@ def test_a_question_about_an_unknown_predicate_is_an_error(rosplan):
 # -- changes ------------------------------------------------------------------------------------------------------
 
 
-def test_adding_twice_and_removing_what_is_not_there(rosplan):
+def test_adding_twice_and_removing_an_absent_item(rosplan):
     """C2, C4: both are a success, and change nothing."""
     for kind, item in (
         (ADD, ITEMS.fact("at", AT_HALL)),
@@ -360,8 +360,8 @@ def test_adding_twice_and_removing_what_is_not_there(rosplan):
     assert rosplan.reported == []
 
 
-def test_the_other_sign_takes_its_place(rosplan, clock):
-    """C3: a negative fact over a positive one; a removal of the one leaves the other."""
+def test_the_other_sign_replaces_a_fact(rosplan, clock):
+    """C3: a negative fact replaces a positive one; removing one sign leaves the other."""
     clock.advance(5)
     assert rosplan.update(ADD, ITEMS.fact("at", AT_HALL, is_negative=True))
     assert [str(fact) for fact in rosplan.kb.propositions("at")] == ["(not (at kenny hall))"]
@@ -372,13 +372,13 @@ def test_the_other_sign_takes_its_place(rosplan, clock):
 
 
 def test_labels_in_any_order(rosplan):
-    """D1: arguments go by their labels."""
+    """D1: arguments are assigned by their labels."""
     assert rosplan.update(ADD, ITEMS.fact("at", (("p", "dock"), ("r", "kenny"))))
     assert rosplan.kb.holds("(at kenny dock)")
 
 
 def test_functions_are_assigned_and_changed(rosplan):
-    """C7: the operations 0 to 5 by what they mean, where ROSPlan adds for a scale-up and ignores a rate."""
+    """C7: the operations 0 to 5 by their meaning, where ROSPlan adds for a scale-up and ignores a rate."""
     for op, number, expected in ((0, 10.0, 10.0), (1, 5.0, 15.0), (2, 3.0, 12.0), (3, 2.0, 24.0), (4, 4.0, 6.0)):
         assert rosplan.update(ADD, ITEMS.function("battery", BATTERY, number, op))
         assert rosplan.kb.value("(battery kenny)") == expected
@@ -389,7 +389,7 @@ def test_functions_are_assigned_and_changed(rosplan):
 
 
 def test_an_undefined_function_is_not_increased(rosplan):
-    """C7: where ROSPlan answers with success and does nothing, this is no success, and the reason is reported."""
+    """C7: it is not a success, and the reason is reported, where ROSPlan answers with success and does nothing."""
     assert not rosplan.update(ADD, ITEMS.function("battery", BATTERY, 5.0, 1))
     assert "battery" in rosplan.reported[-1]
     assert "update by /mapper changed nothing" in rosplan.reported[-1]
@@ -433,8 +433,8 @@ def test_the_last_goal_and_metric_go(rosplan):
         (ADD, ITEMS.item(9), "knowledge_type"),
     ],
 )
-def test_what_does_not_fit_is_no_success(rosplan, kind, item, why):
-    """D1: nothing is stored, the response says that it was no success, and the reason is reported."""
+def test_an_invalid_item_is_not_a_success(rosplan, kind, item, why):
+    """D1: nothing is stored, the response has no success, and the reason is reported."""
     before = list(rosplan.kb.changes())
     assert not rosplan.update(kind, item)
     assert list(rosplan.kb.changes()) == before
@@ -443,7 +443,7 @@ def test_what_does_not_fit_is_no_success(rosplan, kind, item, why):
 
 
 def test_an_array_is_all_or_nothing(rosplan, clock):
-    """C1: one transaction of the caller's, which one wrong item prevents as a whole."""
+    """C1: it is one transaction of the caller, which one invalid item refuses as a whole."""
     clock.advance(seconds(1))
     before = list(rosplan.kb.changes())
     good = (ADD, ITEMS.instance("attic", "room")), (ADD, ITEMS.fact("at", (("r", "kenny"), ("p", "attic"))))
@@ -456,8 +456,8 @@ def test_an_array_is_all_or_nothing(rosplan, clock):
     assert [str(fact) for fact in rosplan.kb.propositions("at")] == ["(at kenny attic)"]
 
 
-def test_an_array_with_too_few_types_is_no_success(rosplan):
-    """Nothing is skipped in silence, where ROSPlan leaves out the rest."""
+def test_an_array_with_too_few_types_is_not_a_success(rosplan):
+    """No item is skipped silently, where ROSPlan leaves out the rest."""
     response = rosplan("update_array", update_type=b"\0", knowledge=[ITEMS.fact("busy", BATTERY)] * 2)
     assert not response.success
     assert "1 update types for 2 items" in rosplan.reported[-1]
@@ -465,7 +465,7 @@ def test_an_array_with_too_few_types_is_no_success(rosplan):
 
 
 def test_only_an_array_is_published(rosplan, clock):
-    """The topic tells of update_array alone, with the caller and the time of the transaction."""
+    """The topic has update_array alone, with the caller and the time of the transaction."""
     clock.advance(1_500_000_007)
     assert rosplan.update(ADD, ITEMS.fact("busy", BATTERY))
     rosplan("clear")
@@ -487,8 +487,8 @@ def test_clear(rosplan):
     assert [str(found.item) for found in rosplan.kb.history("(at kenny ?)", until=at + 1)] == ["(at kenny hall)"]
 
 
-def test_unknown_where_nothing_was_told(opened):
-    """V2: with use_unknowns neither p nor (not p) is true where nothing was told; in a closed world, (not p) is."""
+def test_absent_facts_are_unknown(opened):
+    """V2: with use_unknowns neither p nor (not p) is true where p is absent; in a closed world (not p) is."""
     busy, not_busy = ITEMS.fact("busy", BATTERY), ITEMS.fact("busy", BATTERY, is_negative=True)
     closed, unsure = opened(), opened(use_unknowns=True)
     assert closed.query(busy, not_busy).results == [False, True]
@@ -545,7 +545,7 @@ def test_a_oneof_constraint_twice(opened):
     ],
 )
 def test_a_oneof_constraint_that_does_not_fit(opened, knowledge, why):
-    """D1: a constraint is about facts that could be, of objects that exist."""
+    """D1: a constraint is about facts that are possible, of objects that exist."""
     rosplan = opened(use_unknowns=True)
     assert not rosplan("update_constraints_oneof", knowledge=knowledge).success
     assert why in rosplan.reported[-1]
@@ -553,13 +553,13 @@ def test_a_oneof_constraint_that_does_not_fit(opened, knowledge, why):
 
 
 def test_a_closed_world_keeps_no_oneof_constraint(rosplan):
-    """P4: where what is not asserted is false, nothing is left open: refused, with what to do."""
+    """P4: where absent is false, nothing is open: refused, with what to do."""
     assert not rosplan("update_constraints_oneof", knowledge=list(EITHER)).success
     assert "use_unknowns=True" in rosplan.reported[-1]
     assert rosplan.kb.constraints() == []
 
 
-def test_a_clock_that_starts_again_is_told(rosplan, clock):
+def test_a_restarted_clock_is_refused(rosplan, clock):
     """T3: after a simulation restarts at 0, nothing is stored, and the report says what to do."""
     clock.set(0)
     assert not rosplan.update(ADD, ITEMS.fact("busy", BATTERY))
@@ -576,7 +576,7 @@ AMAZON = HERE.parents[2] / "shared" / "data" / "rosplan" / "amazon"
 
 @pytest.mark.skipif(not AMAZON.is_dir(), reason="ROSPlan's files are not here")
 def test_the_checks_of_rosplan_itself():
-    """What ROSPlan checks of its knowledge base with one of its domains, in its order."""
+    """The checks of ROSPlan's own tests with one of its domains, in their order."""
     with kbstore.open("sqlite://", "amazon") as kb:
         kb.load(AMAZON / "domain.pddl", AMAZON / "problem.pddl")
         rosplan = Rosplan(kb)

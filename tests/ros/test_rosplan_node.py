@@ -91,7 +91,7 @@ def is_listening(port):
 
 
 def until(is_so, limit=30):
-    """Wait until something is so."""
+    """Wait until a condition is true."""
     end = time.monotonic() + limit
     while not is_so():
         assert time.monotonic() < end, "this has not come"
@@ -104,7 +104,7 @@ def command(store, *arguments):
 
 @contextmanager
 def serving(store, *arguments, node=NODE, by_parameters=False):
-    """A node of its own process, ready to answer, and stopped as a launch file does it."""
+    """A node in a separate process, ready to answer, and stopped as by a launch file."""
     log = store.with_suffix(".log")
     words = [*command(store, *arguments), f"__name:={node}"]
     if by_parameters:
@@ -120,7 +120,7 @@ def serving(store, *arguments, node=NODE, by_parameters=False):
 
 
 def is_ready(node):
-    """Whether the service that is advertised last is there."""
+    """Whether the service that is advertised last exists."""
     try:
         rospy.wait_for_service(f"/{node}/state/metric", timeout=0.1)
     except rospy.ROSException:
@@ -177,7 +177,7 @@ def store(graph, files, tmp_path_factory):
 
 
 def recorded(store):
-    """The knowledge base as another process sees it."""
+    """The knowledge base as another process reads it."""
     return kbstore.open(store, "kenny", read_only=True)
 
 
@@ -211,7 +211,7 @@ def test_the_domain(store):
 
 
 def test_the_state(store):
-    """What the problem said, and what is asked of it."""
+    """The state of the problem, and the answers about it."""
     assert call("state/instances", type_name="place").instances == ["dock"]
     assert sorted(
         call("state/instances", type_name="place", include_constants=True, include_subtypes=True).instances
@@ -253,7 +253,7 @@ def test_updates(store):
 
 
 def test_the_caller_is_the_client(store):
-    """ROS 1 tells who calls, by whatever program: it is the client of the transaction."""
+    """ROS 1 gives the caller's name, for any program: it is the client of the transaction."""
     call("update", update_type=ADD, knowledge=ITEMS.fact("busy", BATTERY))
     request = "{update_type: 2, knowledge: {knowledge_type: 1, attribute_name: busy, values: [{key: r, value: kenny}]}}"
     done = subprocess.run(
@@ -284,7 +284,7 @@ def test_the_topic(store):
 
 
 def test_an_error_reaches_the_caller(store):
-    """What cannot be answered is an error of the service with kbstore's sentence."""
+    """The error of the service has kbstore's sentence."""
     with pytest.raises(rospy.ServiceException, match="no operator fly"):
         call("domain/operator_details", name="fly")
     with pytest.raises(rospy.ServiceException, match="flying"):
@@ -321,8 +321,8 @@ def test_clear_goes_last(store):
         assert [str(found.item) for found in kb.history("(at kenny ?)")] == ["(at kenny hall)"]
 
 
-def test_a_restart_goes_on(graph, files, tmp_path):
-    """The problem is loaded once; what has been changed since is there after a restart, and so are parameters."""
+def test_a_restart_continues(graph, files, tmp_path):
+    """The problem is loaded once; later changes are there after a restart, and so are parameters."""
     store = tmp_path / "robot.db"
     with serving(store, *files, "_use_unknowns:=true", node=other.node):
         other("update", update_type=REMOVE, knowledge=ITEMS.fact("at", AT_HALL))
@@ -339,7 +339,7 @@ def test_a_restart_goes_on(graph, files, tmp_path):
 
 
 def test_a_simulated_clock(graph, files, tmp_path):
-    """Now is /clock with use_sim_time, to the nanosecond; one that starts again at 0 is told, and stores nothing."""
+    """Now is /clock with use_sim_time, to the nanosecond; one that restarts at 0 is an error, and stores nothing."""
     from rosgraph_msgs.msg import Clock
 
     shown = [rospy.Time(100, 500_000_007)]
@@ -364,7 +364,7 @@ def test_a_simulated_clock(graph, files, tmp_path):
             def is_refused():
                 return not other("update", update_type=REMOVE, knowledge=ITEMS.fact("busy", BATTERY)).success
 
-            # what comes before the node has heard the new time is a removal; it is added again at the old time
+            # an update before the node has read the new time is a removal; it is added again at the old time
             until(lambda: is_refused() or not other("update", update_type=ADD, knowledge=ITEMS.fact("busy", BATTERY)))
             with pytest.raises(rospy.ServiceException, match="a knowledge base name of its own"):
                 other("clear")
@@ -379,7 +379,7 @@ def test_a_simulated_clock(graph, files, tmp_path):
 
 @contextmanager
 def empty_service():
-    """A node of its own process that answers at once: what a call costs without an answer to find."""
+    """A node in a separate process that answers at once: the cost of a call without computing an answer."""
     code = (
         "import rospy; from std_srvs.srv import Empty, EmptyResponse as Done; rospy.init_node('nothing'); "
         "rospy.Service('nothing', Empty, lambda _: Done()); rospy.spin()"
@@ -396,7 +396,7 @@ def empty_service():
 def test_the_cost_of_a_call(graph, files, tmp_path, capsys):
     """Printed, not judged: an ordinary call beside the same question in Python and an empty service call.
 
-    Of many items genpy's own part is printed, too: to write them, and to read them again.
+    For many items genpy's own part is printed, too: writing them, and reading them again.
     """
     from std_srvs.srv import Empty
 
@@ -450,8 +450,8 @@ def test_the_cost_of_a_call(graph, files, tmp_path, capsys):
         print(f"genpy takes {genpy:.2f} ms to write and read the 100 facts")
 
 
-def test_what_cannot_start_says_why(graph, tmp_path):
-    """One line, and exit code 2: no store, a domain that is not there."""
+def test_a_failed_start_names_the_reason(graph, tmp_path):
+    """One line, and exit code 2: no store, a missing domain."""
     for arguments, sentence in (
         (["_domain_path:=nowhere.pddl"], "nowhere.pddl"),
         (["_kb:=kenny", "_url:="], "which store? name it with --url FILE"),
