@@ -1,4 +1,4 @@
-"""The histories that benchmarks write directly are those that the public methods write."""
+"""Histories that benchmarks write directly equal those written by the public methods."""
 
 import sqlite3
 
@@ -41,23 +41,23 @@ def history(request):
 
 @pytest.fixture(scope="module")
 def stores(history, tmp_path_factory):
-    """The same history written directly, and told to a knowledge base."""
+    """The same history written directly, and by a knowledge base."""
     directory = tmp_path_factory.mktemp("stores")
     fill(history, directory / "filled.db")
-    replay(history, f"sqlite:///{directory / 'told.db'}")
-    return directory / "filled.db", directory / "told.db"
+    replay(history, f"sqlite:///{directory / 'replayed.db'}")
+    return directory / "filled.db", directory / "replayed.db"
 
 
 @pytest.mark.parametrize("table", _CONTENT)
 def test_histories_written_directly_equal_those_of_the_public_methods(stores, table):
-    """Each table has the same rows, either way; only places in a transaction, and tokens, may differ."""
-    filled, told = (_rows(store, _CONTENT[table]) for store in stores)
+    """Each table has the same rows, either way; only positions in a transaction, and tokens, may differ."""
+    filled, replayed = (_rows(store, _CONTENT[table]) for store in stores)
     assert filled
-    assert filled == told
+    assert filled == replayed
 
 
-def test_a_thousand_facts_stand_at_any_time(history, stores):
-    """At each of the six times about a thousand facts stand: as many as a thousand, or those of 250 objects."""
+def test_a_thousand_facts_hold_at_any_time(history, stores):
+    """At each of the six times about a thousand facts hold: exactly a thousand, or those of 250 objects."""
     with kbstore.open(stores[0], "bench", clock=ManualClock(START + history.size * STEP)) as kb:
         assert [len(kb.state(at=t).facts) for t in history.moments()] == [STANDING] * 6
         if history.shape == PASSING:

@@ -1,4 +1,4 @@
-"""The page of figures: its tables are made of results, or stay as they are."""
+"""The page of figures: its tables are made from results, or stay as they are."""
 
 import re
 
@@ -37,7 +37,7 @@ def test_a_table_is_replaced_and_the_rest_stays():
 
 
 def test_a_table_that_lacks_a_row_stays():
-    """With a row that was not measured a table is left as it is, and the row is named."""
+    """A table without a measured result for a row is left as it is, and the row is named."""
     page, missing = filled(PAGE, {"Writing": WRITES[1:]})
     assert page == PAGE
     assert "Writing: single durable add" in missing
@@ -63,7 +63,7 @@ def test_a_row_sums_up_several_results():
 
 
 def test_peers_have_a_column_for_each_comparison():
-    """The worst ratio of each comparison stands in its column; a dash stands for what was not compared."""
+    """The worst ratio of each comparison is in its column; a dash marks a comparison that was not made."""
     found = [Result("state at t and one question, uniform, 100,000", name, 3.0, 4.0) for name in PEERS]
     found.append(Result("10,000 new facts at once", "DuckDB", 257e-3, 24e-3))
     page, _ = filled("## Peers\n\n| old |\n", {"Peers": found})
@@ -73,6 +73,6 @@ def test_peers_have_a_column_for_each_comparison():
 
 @pytest.mark.parametrize("title", [*TABLES, "Peers"])
 def test_the_page_has_each_table(title):
-    """The document has each heading, with a table below it, so that filling it reaches all of them."""
+    """The document has each heading, with a table below it, so filling it reaches all of them."""
     page = (ROOT / "docs" / "performance.md").read_text()
     assert re.search(rf"^## {title}\n(?:(?!\||## ).*\n)*\|", page, re.MULTILINE)

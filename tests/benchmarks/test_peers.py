@@ -1,4 +1,4 @@
-"""Peers are told the same history as kbstore, and answer alike; needs the extra `bench`."""
+"""Peers are given the same history as kbstore, and give the same answers; needs the extra `bench`."""
 
 import contextlib
 import itertools
@@ -18,7 +18,7 @@ _SIZE = 1300
 
 @pytest.fixture(params=PEERS, ids=lambda kind: kind.name)
 def kind(request):
-    """Each peer that is installed."""
+    """Each installed peer."""
     name = {"duck": "duckdb", "continuum": "sqlalchemy_continuum", "sourced": "eventsourcing"}
     pytest.importorskip(name[request.param.module], reason=f"pip install {request.param.distribution}")
     return request.param
@@ -26,12 +26,12 @@ def kind(request):
 
 @pytest.fixture
 def make(kind, tmp_path):
-    """Makes new peers, and closes them after the test."""
+    """Make new peers, and close them after the test."""
     made = []
 
     def making():
         with warnings.catch_warnings():
-            # what other libraries warn of while they are imported is not ours to mend
+            # warnings of other libraries during their import are not kbstore's
             warnings.simplefilter("ignore")
             made.append(kind.make(tmp_path / f"peer{len(made)}.db"))
         return made[-1]
@@ -43,7 +43,7 @@ def make(kind, tmp_path):
 
 @pytest.mark.parametrize("shape", [UNIFORM, PASSING])
 def test_a_peer_answers_state_and_point_queries_rightly(make, shape):
-    """At six times a peer's state is what the changes up to then leave, and a point query agrees with it."""
+    """At six times a peer's state is that of the changes up to then, and a point query agrees with it."""
     history = History(shape, _SIZE)
     peer = make()
     peer.tell(changes(history))
@@ -56,7 +56,7 @@ def test_a_peer_answers_state_and_point_queries_rightly(make, shape):
 
 
 def test_a_peer_takes_single_changes_and_many_facts(make):
-    """A fact changes its sign from a time on and not before; new facts stand from a time on and not before."""
+    """A fact changes its sign from a time on and not before; new facts hold from a time on and not before."""
     history = History(UNIFORM, _SIZE)
     peer = make()
     peer.tell(changes(history))
@@ -78,12 +78,12 @@ def test_rows_written_directly_for_continuum_are_those_of_its_session(tmp_path):
     from benchmarks.peers.continuum import Continuum
 
     signs = (("seen cup", False), ("seen jug", False), ("seen cup", True), ("seen jug", True))
-    told = [Change(START + step * STEP, *sign) for step, sign in enumerate(signs)]
+    history = [Change(START + step * STEP, *sign) for step, sign in enumerate(signs)]
     direct, session = Continuum(tmp_path / "direct.db"), Continuum(tmp_path / "session.db")
-    direct.tell(told)
-    for change in told[:2]:
+    direct.tell(history)
+    for change in history[:2]:
         session.bulk([change.key], change.time)
-    for change in told[2:]:
+    for change in history[2:]:
         session.write(change)
     for peer in (direct, session):
         peer.close()
@@ -96,37 +96,37 @@ def test_rows_written_directly_for_continuum_are_those_of_its_session(tmp_path):
 
 
 def test_a_peer_leaves_the_types_of_others_alone(make):
-    """What a library sets up for its own tables changes no table of kbstore's in the same process."""
+    """Event handlers that a library adds for its own tables change no table of kbstore's in the same process."""
     make()
     assert sa.BigInteger().compile(dialect=sqlite.dialect()) == "BIGINT"
 
 
 @pytest.mark.parametrize("shape", SHAPES)
 def test_changes_keep_to_a_thousand_facts(shape):
-    """Whatever comes and goes, a thousand facts stand after each time, and times only grow."""
-    standing = set()
+    """With any changes, a thousand facts hold after each time, and times only grow."""
+    holding = set()
     last = 0
-    for time, told in itertools.groupby(changes(History(shape, _SIZE)), key=lambda change: change.time):
+    for time, group in itertools.groupby(changes(History(shape, _SIZE)), key=lambda change: change.time):
         assert time > last
         last = time
-        for _, key, is_negative in told:
+        for _, key, is_negative in group:
             if is_negative is None:
-                standing.remove(key)
+                holding.remove(key)
             else:
-                standing.add(key)
-        assert len(standing) == 1000
+                holding.add(key)
+        assert len(holding) == 1000
 
 
 def _replayed(history, t):
-    """What the changes up to a time leave, worked out by going through all of them."""
-    standing = {}
+    """The state after the changes up to a time, by applying all of them."""
+    holding = {}
     for time, key, is_negative in changes(history):
         if time > t:
             break
-        standing.pop(key, None)
+        holding.pop(key, None)
         if is_negative is not None:
-            standing[key] = is_negative
-    return standing
+            holding[key] = is_negative
+    return holding
 
 
 def _rows(path, query):

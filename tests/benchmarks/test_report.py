@@ -1,4 +1,4 @@
-"""The table: what it says of a comparison, and of what could not be measured."""
+"""The table: its words for a comparison, and for a peer that could not be measured."""
 
 import io
 
@@ -13,7 +13,7 @@ from benchmarks.report import Missing, Result, amount, show
     ("ratio", "bar", "verdict"), [(2.5, 2.5, "yes"), (2.51, 2.5, "NO"), (9.0, None, "")], ids=["at", "above", "none"]
 )
 def test_a_bar_is_met_up_to_itself(ratio, bar, verdict):
-    """A ratio that is the bar meets it; one above does not; without a bar nothing is said."""
+    """A ratio equal to the bar meets it; one above does not; without a bar nothing is printed."""
     assert Result("state", "raw", ratio, 1.0, bar).verdict == verdict
 
 
@@ -22,7 +22,7 @@ def test_a_bar_is_met_up_to_itself(ratio, bar, verdict):
     [(0.00042, "s", "420 us"), (1.5, "s", "1.5 s"), (4e-8, "s", "40 ns"), (163.2, "bytes", "163 bytes")],
 )
 def test_figures_have_units_that_suit_them(figure, unit, text):
-    """Seconds are told in the unit in which they are at least one."""
+    """Seconds are printed in the unit in which they are at least one."""
     assert amount(figure, unit) == text
 
 
@@ -41,7 +41,7 @@ def test_a_peer_that_is_not_installed_has_a_row():
 
 
 def test_each_way_is_done_in_each_round():
-    """Ways take turns: as often as each other, at least as often as asked for, and once more beforehand."""
+    """Ways take turns: as often as each other, at least the given number of times, and once more beforehand."""
     done = {"one": 0, "other": 0}
 
     def way(name):

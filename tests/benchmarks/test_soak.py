@@ -1,10 +1,10 @@
-"""The soak: what it reports; nothing about how fast it is."""
+"""The soak test: its report, without judging its speed."""
 
 from benchmarks.soak import soak, spread
 
 
 def test_a_spread_is_of_what_was_measured():
-    """Of 1 to 200 ms: the median, what 99 of 100 stay below, and the longest, in milliseconds."""
+    """Of 1 to 200 ms: the median, the 99th percentile, and the longest, in milliseconds."""
     assert spread([number / 1000 for number in range(200, 0, -1)]) == (200, 101.0, 199.0, 200.0)
 
 

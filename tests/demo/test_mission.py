@@ -1,4 +1,4 @@
-"""What the mission comes to, worked out by hand from its script.
+"""The results of the mission, worked out by hand from its script.
 
 Driving takes 2 s a metre and costs 0.25 percent a second; charging gives 0.5 percent a second.
 """
@@ -18,7 +18,7 @@ from kbstore.messages import Truth
         ("08:58:44", 56.0),  # 24 s for 12 m: 62 - 6
         ("09:00:30", 41.0),  # 60 s for 30 m: 56 - 15
         ("09:01:02", 35.5),  # 22 s until the abort: 41 - 5.5
-        ("09:04:00", 35.5),  # standing costs nothing
+        ("09:04:00", 35.5),  # waiting costs nothing
         ("09:04:50", 25.5),  # 40 s through the door: 35.5 - 10
         ("09:05:50", 15.5),  # 40 s back: 25.5 - 10
         ("09:06:48", 3.5),  # 48 s for 24 m: 15.5 - 12
@@ -38,13 +38,13 @@ def test_the_battery_follows_the_mission(kenny, at, expected):
         ("08:58:44", "office"),
         ("09:00:35", "corridor"),
         ("09:00:50", None),  # in the doorway
-        ("09:01:03", None),  # the action is aborted, and nobody has said yet where the robot is
+        ("09:01:03", None),  # the action is aborted, and the robot's place is not yet reported
         ("09:01:05", "corridor"),
         ("09:05:00", "lab"),
         ("09:09:10", "home"),
     ],
 )
-def test_the_robot_is_where_it_was_told(kenny, at, place):
+def test_the_robot_is_at_the_recorded_places(kenny, at, place):
     """An action's at-start delete and its at-end add leave the robot nowhere in between."""
     state = kenny.state(moment(at))
     there = [fact.arguments[1] for fact in state.facts if fact.attribute_name == "robot_at"]
@@ -79,7 +79,7 @@ def test_the_door_has_a_history(kenny):
     ]
 
 
-def test_the_withdrawn_parcel_takes_with_it_what_mentions_it(kenny):
+def test_removing_the_parcel_ends_its_mentions(kenny):
     """Removing an object ends its facts and goals, at the same time (C9)."""
     withdrawn = moment("08:59:10")
     before, after = kenny.state(withdrawn - 1), kenny.state(withdrawn)
@@ -105,8 +105,8 @@ def test_the_door_bars_the_way_during_the_alarm(kenny):
     ]
 
 
-def test_what_is_scheduled_is_known_beforehand(kenny):
-    """At the end the door is open, and will close at 09:15 (Q1)."""
+def test_the_schedule_is_known_beforehand(kenny):
+    """At the end the door is open, and scheduled to close at 09:15 (Q1)."""
     assert kenny.name == NAME
     assert kenny.now() == END
     assert [str(item) for item in kenny.timed_knowledge()] == ["(not (open lab_door))"]

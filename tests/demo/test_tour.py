@@ -1,4 +1,4 @@
-"""The demonstration as somebody sees it who runs it for the first time."""
+"""The demonstration as a user sees it at the first run."""
 
 import io
 import re
@@ -15,7 +15,7 @@ from kbstore.cli.demo import tour
 
 @pytest.fixture(scope="module")
 def shown(tmp_path_factory):
-    """A run in a process and an empty directory of its own: its output and the directory."""
+    """A run in a separate process and an empty directory: its output and the directory."""
     directory = tmp_path_factory.mktemp("demo")
     call = [sys.executable, "-m", "kbstore.cli.demo"]
     done = subprocess.run(call, cwd=directory, capture_output=True, text=True, check=False)
@@ -50,7 +50,7 @@ def test_without_a_terminal_there_are_no_colours_and_no_blanks_at_the_ends(shown
 
 
 def test_the_file_is_there_to_explore(shown):
-    """The last part names a file; it holds the mission, and opens read-only."""
+    """The last part names a file; it has the mission, and opens read-only."""
     text, directory = shown
     (file,) = directory.glob("*.db")
     assert str(file) in text.splitlines()
@@ -59,7 +59,7 @@ def test_the_file_is_there_to_explore(shown):
 
 
 def test_the_page_of_the_timeline_is_beside_the_file(shown, tmp_path):
-    """The demonstration ends with its path; a page that is there already is left alone."""
+    """The demonstration ends with its path; an existing page is left alone."""
     text, directory = shown
     (page,) = directory.glob("*.html")
     assert text.splitlines()[-1] == str(page)
@@ -79,7 +79,7 @@ def test_a_second_run_leaves_the_first_file_alone(tmp_path, monkeypatch):
 
 
 def test_an_existing_file_is_refused_in_one_line(tmp_path):
-    """A file that is there already is not touched: one line on standard error, exit 2."""
+    """An existing file is not touched: one line on standard error, exit 2."""
     file = tmp_path / "mine.db"
     file.write_text("mine")
     call = [sys.executable, "-m", "kbstore.cli.demo", str(file)]
@@ -92,7 +92,7 @@ def test_an_existing_file_is_refused_in_one_line(tmp_path):
 
 
 def test_a_terminal_gets_colours(tmp_path):
-    """On a terminal, what matters is set off by colour."""
+    """On a terminal, important parts are coloured."""
     out = io.StringIO()
     tour.run(tmp_path / "demo.db", Console(file=out, force_terminal=True, width=200, highlight=False))
     assert "\x1b[" in out.getvalue()

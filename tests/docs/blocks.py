@@ -1,7 +1,7 @@
-"""The fenced blocks of Markdown documents, and what runs them.
+"""The fenced blocks of Markdown documents, and functions that run them.
 
-The blocks of a document run in order, in one directory, as a reader would type them: Python in one namespace, and
-shell commands with `export` lasting from block to block. What is not a block of Python, of a shell or of SQL is data.
+The blocks of a document run in order, in one directory, as a reader would type them: Python in one namespace, and shell
+commands with `export` lasting from block to block. Blocks in other languages than Python, shell and SQL are data.
 """
 
 import contextlib
@@ -32,7 +32,7 @@ _OPERATORS = re.compile(r"[|<>&;$`*\n]")
 
 @dataclass(frozen=True)
 class Block:
-    """A fenced block: its language, its text, the line of its fence, and what stands before and after it."""
+    """A fenced block: its language, its text, the line of its fence, and the text before and after it."""
 
     language: str
     text: str
@@ -42,7 +42,7 @@ class Block:
 
     @property
     def file(self):
-        """The file that the reader is told to save it as, if so."""
+        """The file name under which the reader is asked to save it, if any."""
         found = _SAVED.search(self.before)
         return found and found[1]
 
@@ -63,9 +63,9 @@ def sql_under(document, heading):
 
 
 class Reader:
-    """Somebody who types what a document says, and saves what it says to save.
+    """A reader who types the blocks of a document, and saves those to be saved.
 
-    `replacing` are the texts that stand for what the reader has.
+    `replacing` are replacements of texts by the reader's own.
     """
 
     def __init__(self, directory, replacing=()):
@@ -75,7 +75,7 @@ class Reader:
         self._exported = {}
 
     def run(self, block):
-        """Run a block; its output. One to be saved is saved."""
+        """Run a block, and return its output. A block to be saved is saved."""
         text = block.text
         for written, meant in self._replacing.items():
             text = text.replace(written, meant)
@@ -134,19 +134,19 @@ class Reader:
 
 
 def _commands(text):
-    """The commands of a shell block: lines, with those that go on joined."""
+    """The commands of a shell block: lines, with continued ones joined."""
     joined = text.replace("\\\n", " ")
     return [line for line in joined.splitlines() if line.strip() and not line.lstrip().startswith("#")]
 
 
 def shown(block):
-    """What a document says that a block prints: the block of text right after it, if there is one."""
+    """The documented output of a block: the block of text right after it, if there is one."""
     found = re.match(r"\s*```text\n(.*?)^```$", block.after, re.MULTILINE | re.DOTALL)
     return None if found is None else found[1]
 
 
 def same_text(printed, promised):
-    """Whether a text is what was promised, but for spaces; a line of three dots stands for any lines."""
+    """Whether a text is the documented one, except for spaces; a line of three dots matches any lines."""
     pattern = "\n".join(
         r"(?:.*\n)*?.*" if line.strip() == "..." else _flexible(line) for line in promised.strip().splitlines()
     )

@@ -1,4 +1,4 @@
-"""What the documentation says is so: every block of Python and of a shell is run."""
+"""Every block of Python and of a shell in the documentation is run."""
 
 import re
 
@@ -12,7 +12,7 @@ POSTGRESQL = "postgresql+psycopg://robots@localhost/fleet"
 
 @pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: str(path.relative_to(ROOT)))
 def test_every_block_runs(document, tmp_path, monkeypatch, request):
-    """Blocks run in order, print what the comments and the texts after them say, and succeed."""
+    """Blocks run in order, print the documented output, and succeed."""
     monkeypatch.chdir(tmp_path)
     replacing = {}
     if any(POSTGRESQL in block.text for block in blocks(document)):
@@ -30,7 +30,7 @@ def test_every_block_runs(document, tmp_path, monkeypatch, request):
 
 @pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: str(path.relative_to(ROOT)))
 def test_every_link_leads_somewhere(document):
-    """Links within the project are to files, and to headings in them, that exist."""
+    """Links within the project are to existing files, and to headings in them."""
     text = re.sub(r"^```.*?^```$", "", document.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
     for target in re.findall(r"\]\(([^)\s]+)\)", text):
         if re.match(r"[a-z]+:", target):
@@ -47,8 +47,8 @@ def _anchor(title):
     return re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-")
 
 
-def test_a_wrong_promise_is_noticed(tmp_path, monkeypatch):
-    """The runner itself: a print that says something else, or a command that fails, fails."""
+def test_a_wrong_output_is_noticed(tmp_path, monkeypatch):
+    """The runner itself: a block with another output, or a command that fails, fails."""
     monkeypatch.chdir(tmp_path)
     document = tmp_path / "wrong.md"
     for text in ("```python\nprint(1)  # 2\n```", "```sh\nkbstore nonsense\n```", "```sh\nfalse | true && false\n```"):

@@ -1,4 +1,4 @@
-"""The roles of docs/operations.md, made by its own statements: each can do what it is for, and nothing else."""
+"""The roles of docs/operations.md, created by its own statements: each has its documented rights, and no others."""
 
 import re
 
@@ -35,7 +35,7 @@ def _driver(url):
     return url.set(drivername="postgresql").render_as_string(hide_password=False)
 
 
-def test_each_role_can_do_what_it_is_for(server):
+def test_each_role_has_its_rights(server):
     """A robot creates a knowledge base and writes, a service reads it, an analyst reads the views."""
     with kbstore.open(server["kbstore_robot"], "kenny", schema="kbstore") as kb:
         kb.add("hall - room", "(open hall)", client="kenny")
@@ -49,7 +49,7 @@ def test_each_role_can_do_what_it_is_for(server):
             connection.execute(f"SELECT * FROM kbstore.{view}")
 
 
-def test_no_role_can_do_more(server):
+def test_no_role_has_other_rights(server):
     """A service cannot write, an analyst cannot read tables, a robot cannot change the schema or its revision."""
     with (
         pytest.raises(kbstore.StoreUnavailable, match="permission denied"),
@@ -71,7 +71,7 @@ def test_no_role_can_do_more(server):
 
 
 def test_a_role_that_sees_some_rows_only(server):
-    """Row security on a table would make answers wrong for those to whom it applies, and is refused to them."""
+    """Row security on a table would make answers wrong for its users, and is refused to them."""
     owner, robot = (server[role] for role in ("kbstore_owner", "kbstore_robot"))
     with kbstore.open(robot, "kenny", schema="kbstore") as kb:
         kb.add("(open hall)")
@@ -84,7 +84,7 @@ def test_a_role_that_sees_some_rows_only(server):
 
 
 def test_every_table_is_distributed():
-    """The statements for Citus name each table, distributed by the knowledge base, but for the directory."""
+    """The statements for Citus name each table, distributed by the knowledge base, except the directory."""
     page = (ROOT / "docs" / "operations.md").read_text(encoding="utf-8")
     distributed = re.findall(r"create_distributed_table\('(\w+)', 'kb_id'", page)
     references = re.findall(r"create_reference_table\('(\w+)'\)", page)

@@ -1,4 +1,4 @@
-"""The pictures of the documentation: the two axes of time show what the demonstration answers (rules Q1, Q2)."""
+"""The pictures of the documentation: the two axes of time agree with the demonstration (rules Q1, Q2)."""
 
 import re
 
@@ -32,7 +32,7 @@ def test_each_area_is_what_was_believed():
 
 
 def test_the_picture_of_the_page_is_shown_and_small():
-    """README and the timeline's own page show it; a clone and a page on the web are not weighed down by it."""
+    """README and the timeline's own page show it; it is small enough for a clone and a web page."""
     assert "(docs/timeline.png)" in (ROOT / "README.md").read_text()
     assert "(timeline.png)" in (ROOT / "docs" / "timeline.md").read_text()
     picture = (ROOT / "docs" / "timeline.png").read_bytes()

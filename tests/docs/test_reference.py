@@ -1,4 +1,4 @@
-"""The reference is what the docstrings say now, and every example in a docstring is so."""
+"""The reference agrees with the docstrings, and every example in a docstring is right."""
 
 import doctest
 import importlib
@@ -36,12 +36,12 @@ def test_every_public_name_is_in_the_reference(reference):
 
 
 def test_the_reference_is_up_to_date(reference):
-    """The page is what the docstrings give; if not, run: python docs/reference.py."""
+    """The page is generated from the docstrings; if it differs, run: python docs/reference.py."""
     assert (ROOT / "docs" / "reference.md").read_text(encoding="utf-8") == reference.page()
 
 
 def test_every_command_is_documented():
-    """docs/command-line.md names each command with its group, and each option of a command's own."""
+    """docs/command-line.md has each command with its group, and each option of a command's own."""
     page = (ROOT / "docs" / "command-line.md").read_text(encoding="utf-8")
     for command in COMMANDS:
         assert f"`kbstore {command.name}" in page
@@ -53,7 +53,7 @@ FROM_A_ROS_DISTRIBUTION = {"plansys2_msgs", "rclpy"}
 
 @pytest.mark.parametrize("name", MODULES)
 def test_examples_in_docstrings(name):
-    """Every example in a docstring gives what it says."""
+    """Every example in a docstring has the printed output."""
     try:
         module = importlib.import_module(name)
     except ModuleNotFoundError as error:

@@ -1,4 +1,4 @@
-"""docs/semantics.md has all rules, and the tests cite no other."""
+"""docs/semantics.md has all rules, and the tests cite no others."""
 
 import re
 
@@ -27,7 +27,7 @@ def test_every_rule_is_there_once():
 
 
 def test_every_long_rule_has_an_example():
-    """A rule of more than three lines is followed by an example: a block, or a paragraph that says so."""
+    """A rule of more than three lines is followed by an example: a block, or a paragraph that begins so."""
     without = []
     for rule in re.split(r"^(?=\*\*[A-Z]\d+\.\*\*)|^(?=## )", PAGE, flags=re.MULTILINE):
         prose = re.sub(r"^```.*?^```$", "", rule, flags=re.MULTILINE | re.DOTALL)
@@ -38,7 +38,7 @@ def test_every_long_rule_has_an_example():
 
 
 def test_every_rule_has_a_test_that_names_it():
-    """The number of each rule stands in the docstring of some test."""
+    """The number of each rule is in the docstring of some test."""
     cited = set()
     for file in (ROOT / "tests").rglob("test_*.py"):
         if file.name != "test_semantics.py":
@@ -49,7 +49,7 @@ def test_every_rule_has_a_test_that_names_it():
 
 
 def test_the_seven_expressions():
-    """V5: what the original computes wrongly comes out as the page says."""
+    """V5: the values are right where the original's are wrong."""
     row = next(line for line in PAGE.splitlines() if line.startswith("| reads `(- 5 3)`"))
     there, here = row.strip("|").split(" | ")
     expressions = re.findall(r"`([^`]+)`", there)

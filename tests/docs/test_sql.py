@@ -1,4 +1,4 @@
-"""Every statement of docs/sql.md, asked of the demonstration's data on both engines, answers as the page says."""
+"""Every statement of docs/sql.md, run on the demonstration's data on both engines, has the documented answer."""
 
 import re
 

@@ -1,4 +1,4 @@
-"""An installed kbstore: its wheel in an environment of its own, away from the checkout."""
+"""An installed kbstore: its wheel in a separate environment, away from the checkout."""
 
 import os
 import subprocess
@@ -24,10 +24,10 @@ def wheel(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def installed(wheel, tmp_path_factory):
-    """Runs Python code or the command `kbstore` in an empty environment that has only the wheel and what it needs.
+    """Run Python code or the command `kbstore` in an empty environment that has only the wheel and its dependencies.
 
-    What it needs is taken from the environment of the tests by a path file; the checkout, which is installed there
-    as editable, cannot be seen that way.
+    Dependencies are taken from the environment of the tests by a path file; the checkout, which is installed there as
+    editable, cannot be seen that way.
     """
     home = tmp_path_factory.mktemp("installed")
     venv.create(home / "venv", with_pip=False)

@@ -1,4 +1,4 @@
-"""First contact, and what every committed file has to keep to."""
+"""First contact, and rules for every committed file."""
 
 import re
 import shutil
@@ -50,7 +50,7 @@ def test_tests_show_why_anything_is_skipped():
 
 
 def test_no_package_index_is_named():
-    """No committed file names the host of a package index: where packages come from is each user's own affair."""
+    """No committed file has the host of a package index, as that is each user's choice."""
     hosts = re.compile(r"(?:pypi\.(?:org|python)|pythonhosted|conda\.anaconda|--(?:extra-)?index-url|--find-links)\b")
     found = []
     for name in COMMITTED:

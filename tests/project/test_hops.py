@@ -1,4 +1,4 @@
-"""The way from a call to SQL is short: a profile of the call counts the modules that it passes."""
+"""The way from a call to SQL is short: a profile of the call counts the modules that it enters."""
 
 import os
 import sys
@@ -17,7 +17,7 @@ LONGEST = 7
 def modules_to_sql(call):
     """The modules on the call stack whenever the driver executes a statement.
 
-    What is called and has answered by then, such as a reader of PDDL text or a clock, is not on the way.
+    Functions that have returned by then, such as a reader of PDDL text or a clock, are not on the way.
     """
     passed = set()
 
@@ -73,7 +73,7 @@ def test_add_passes_few_modules_on_its_way_to_sql(kb):
 
 @pytest.mark.parametrize("ask", [lambda kb: kb.holds("(visited wp8)"), lambda kb: kb.value("(battery)")])
 def test_a_question_passes_few_modules(kb, ask):
-    """`holds` and `value`: where the answer is remembered, and where somebody has written since."""
+    """`holds` and `value`: with a cached answer, and after another transaction."""
     ask(kb)
     ask(kb)
     _, remembered = modules_entered(lambda: ask(kb))
@@ -86,7 +86,7 @@ def test_a_question_passes_few_modules(kb, ask):
 
 
 def test_a_question_about_the_past_passes_few_modules(kb):
-    """The same for a time that is given."""
+    """The same with `at`."""
     past = kb.now()
     kb.holds("(visited wp8)", at=past)
     read, _ = modules_entered(lambda: kb.holds("(visited wp8)", at=past))

@@ -1,4 +1,4 @@
-"""What is imported for a purpose, and what is not: whoever needs a part of kbstore does not wait for all of it."""
+"""Which modules are imported: a program that needs a part of kbstore does not wait for all of it."""
 
 import ast
 import subprocess
@@ -33,7 +33,7 @@ def rooms(found):
 
 
 def test_importing_kbstore_imports_what_is_used_of_it():
-    """`import kbstore` imports nothing else; a public name brings what it needs, and the errors need nothing."""
+    """`import kbstore` imports nothing else; a public name brings its modules, and the errors need none."""
     found = modules("import kbstore")
     assert not packages(found) & HEAVY
     assert rooms(found) == set()
@@ -41,7 +41,7 @@ def test_importing_kbstore_imports_what_is_used_of_it():
 
 
 def test_each_public_name_has_one_home():
-    """Type checkers, the interpreter and `__all__` know the same names, from the same modules."""
+    """Type checkers, the interpreter and `__all__` have the same names, from the same modules."""
     tree = ast.parse((ROOT / "kbstore" / "__init__.py").read_text())
     (seen,) = (node.body for node in tree.body if isinstance(node, ast.If))
     homes = {alias.asname or alias.name: f"{node.module}.{alias.name}" for node in seen for alias in node.names}
@@ -51,14 +51,14 @@ def test_each_public_name_has_one_home():
 
 
 def test_an_unknown_name_is_an_attribute_error():
-    """Of the package, modules are attributes, as after their import; anything else is not there."""
+    """Modules are attributes of the package, as after their import; any other name is an AttributeError."""
     assert modules("import kbstore; kbstore.errors.Conflict") >= {"kbstore.errors"}
     with pytest.raises(AttributeError, match="kbstore has no name 'opne'"):
         kbstore.opne  # noqa: B018
 
 
 def test_a_command_collects_its_own_garbage():
-    """What is imported for it is left out of every collection, of which it makes most of the time; the rest is not."""
+    """Imported modules are left out of every collection, which would take most of the time; later objects are not."""
     ending = "import atexit, gc; atexit.register(lambda: print(gc.isenabled(), gc.get_freeze_count() > 10_000))\n"
     call = [sys.executable, "-c", ending + COMMAND, "holds", "--help"]
     done = subprocess.run(call, capture_output=True, text=True, cwd=ROOT, check=True)
@@ -67,7 +67,7 @@ def test_a_command_collects_its_own_garbage():
 
 @pytest.mark.parametrize("option", ["--version", "--help"])
 def test_version_and_help_import_the_command_line_alone(option):
-    """And the errors that it reports."""
+    """They import the command line and its errors."""
     found = modules(COMMAND, option)
     assert not packages(found) & (HEAVY - {"typer", "rich"})
     assert rooms(found) == {"cli", "errors"}

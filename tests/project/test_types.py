@@ -71,8 +71,8 @@ async def awaited(kb: aio.KnowledgeBase) -> None:
         facts: list[Fact] = (await other.state(at="-5m")).facts
     text: str = await kb.to_pddl()
     strict: kbstore.StrictPddl = await kb.to_pddl(strict_names=True)
-    told: kbstore.Transaction = await kb.add("(p)", initial_time="+30s")
-    async for change in kb.watch("(p)", after=told.number):
+    added: kbstore.Transaction = await kb.add("(p)", initial_time="+30s")
+    async for change in kb.watch("(p)", after=added.number):
         number: int = change.number
     async with kb.transaction(client="me") as tx:
         await tx.add("(p)")

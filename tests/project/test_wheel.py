@@ -8,7 +8,7 @@ from kbstore.storage import schema
 
 
 def test_the_wheel_holds_what_is_needed(wheel):
-    """The wheel has the package, its migrations, the mark for type checkers and the licence, and nothing else."""
+    """The wheel has the package, its migrations, the marker for type checkers and the licence, and nothing else."""
     names = zipfile.ZipFile(wheel).namelist()
     page = [f"report/timeline/page.{kind}" for kind in ("html", "css", "js")]
     for needed in ("__init__.py", "py.typed", "migrations/env.py", "migrations/versions/0001_tables.py", *page):

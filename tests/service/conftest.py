@@ -20,7 +20,7 @@ DOMAIN = """
 
 @pytest.fixture(params=["file", "postgresql"])
 def engine(request, tmp_path):
-    """The service's engine, on a database in which nothing is yet."""
+    """The service's engine, on an empty database."""
     url = (
         f"sqlite:///{tmp_path / 'service.db'}" if request.param == "file" else request.getfixturevalue("empty_database")
     )

@@ -13,7 +13,7 @@ class Base(DeclarativeBase):
 
 
 class Parcel(Base):
-    """Something to be brought."""
+    """A parcel to be delivered."""
 
     __tablename__ = "parcels"
 
@@ -22,7 +22,7 @@ class Parcel(Base):
 
 
 class Order(Base):
-    """That a parcel is to be brought to a place."""
+    """An order to bring a parcel to a place."""
 
     __tablename__ = "orders"
 

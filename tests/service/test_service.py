@@ -20,12 +20,12 @@ def views(engine):
 
 
 def test_autogenerate_proposes_nothing_of_kbstore(kb, service):
-    """The service's own `alembic check` finds no difference in a database that has kbstore's tables and views."""
+    """The service's own `alembic check` finds no difference in a database with kbstore's tables and views."""
     alembic(service, command.check)
 
 
-def test_autogenerate_still_sees_what_is_the_services_own(kb, service):
-    """`include_name` leaves out kbstore's tables only: a table that the models do not know is found."""
+def test_autogenerate_still_sees_the_services_own_tables(kb, service):
+    """`include_name` leaves out kbstore's tables only: a table that the models lack is found."""
     with service.begin() as connection:
         connection.execute(sa.text("CREATE TABLE forgotten (id INTEGER PRIMARY KEY)"))
     with pytest.raises(CommandError, match="forgotten"):
@@ -33,7 +33,7 @@ def test_autogenerate_still_sees_what_is_the_services_own(kb, service):
 
 
 def test_the_services_migrations_run_after_kbstore_has_made_its_tables(engine):
-    """The order does not matter: kbstore's tables first, then those of the service, and a store that still opens."""
+    """In the other order: kbstore's tables first, then those of the service, and the store still opens."""
     with kbstore.open(engine, "post") as kb:
         kb.load(DOMAIN)
     alembic(engine, lambda config: command.upgrade(config, "head"))
@@ -53,7 +53,7 @@ def test_each_view_has_a_table_with_its_columns(kb, service):
 
 
 def test_a_value_of_each_column_of_each_view_and_table_can_be_read(kb, service):
-    """The declared types read what the database gives, in all columns."""
+    """The declared types read the values of the database, in all columns."""
     with service.connect() as connection:
         for name in sql.__all__:
             if isinstance(getattr(sql, name), sa.Table):
@@ -87,8 +87,8 @@ def test_a_table_of_the_service_is_joined_with_facts(kb, service):
         assert connection.execute(from_tables).all() == expected
 
 
-def test_an_argument_that_is_not_there_is_null(kb, service):
-    """A fact of one argument has no second."""
+def test_a_missing_argument_is_null(kb, service):
+    """The second argument of a fact with one argument is null."""
     held = sql.current_functions
     with service.connect() as connection:
         row = connection.execute(sa.select(sql.argument(held, 1), sql.argument(held, 2))).one()
@@ -96,7 +96,7 @@ def test_an_argument_that_is_not_there_is_null(kb, service):
 
 
 def test_times_are_nanoseconds_or_datetimes_and_open_ends_are_none(kb, service):
-    """A column of time reads as an int, or by `as_datetime`; what is open as None; and both are compared with times."""
+    """A column of time reads as an int, or by `as_datetime`; an open end as None; both are compared with times."""
     kb.remove("(parcel_at p2 attic)", "(robot_at kenny hall)")
     begins, ends = sql.facts.c.initial_time, sql.facts.c.end_time
     with service.connect() as connection:
@@ -114,7 +114,7 @@ def test_times_are_nanoseconds_or_datetimes_and_open_ends_are_none(kb, service):
 
 
 def begun(service):
-    """A transaction of the service that writes, which on SQLite is said in words."""
+    """A writing transaction of the service, which SQLite needs begun explicitly."""
     connection = service.connect()
     if service.dialect.name == "sqlite":
         connection.exec_driver_sql("BEGIN IMMEDIATE")
@@ -122,14 +122,14 @@ def begun(service):
 
 
 def add_in(kb, connection, *items):
-    """Add each item by a call of its own, in one block on the service's connection."""
+    """Add each item by a separate call, in one block on the service's connection."""
     with kb.transaction(connection=connection) as tx:
         for item in items:
             tx.add(item)
 
 
 def test_a_row_and_a_fact_are_committed_together(kb, service):
-    """The service's own row and what the knowledge base is told are one transaction of the database."""
+    """The service's own row and the added knowledge are in one transaction of the database."""
     with begun(service) as connection:
         connection.execute(sa.insert(Parcel).values(name="p1", weight=2.5))
         connection.execute(sa.insert(Order).values(parcel="p1", place="attic"))
@@ -143,7 +143,7 @@ def test_a_row_and_a_fact_are_committed_together(kb, service):
 
 
 def test_a_row_and_a_fact_are_rolled_back_together(kb, service):
-    """What the caller rolls back is as if it had never been, on both sides; the next transaction takes its number."""
+    """A rollback of the caller undoes both; the next transaction takes the number."""
     before = kb.state().facts
     number = kb.add("(= (battery kenny) 70)").number
     with begun(service) as connection:
@@ -158,8 +158,8 @@ def test_a_row_and_a_fact_are_rolled_back_together(kb, service):
     assert kb.remove("(parcel_at p1 hall)").number == number + 1
 
 
-def test_what_is_refused_leaves_the_callers_transaction_usable(kb, service):
-    """An exception in the block takes back what the block wrote, and nothing else."""
+def test_a_refusal_leaves_the_callers_transaction_usable(kb, service):
+    """An exception in the block rolls back the block's own writes, and nothing else."""
     with begun(service) as connection:
         connection.execute(sa.insert(Parcel).values(name="p1", weight=2.5))
         with pytest.raises(kbstore.InvalidKnowledge):
@@ -172,7 +172,7 @@ def test_what_is_refused_leaves_the_callers_transaction_usable(kb, service):
 
 
 def test_a_connection_that_writes_nothing_yet_is_refused_on_sqlite(tmp_path):
-    """On SQLite the caller has begun a writing transaction, or the error says how."""
+    """On SQLite the caller must have begun a writing transaction, or the error says how."""
     engine = sa.create_engine(f"sqlite:///{tmp_path / 'one.db'}")
     with (
         kbstore.open(engine, "post", clock=ManualClock(seconds(1))) as kb,
@@ -215,7 +215,7 @@ def test_an_item_is_a_body_and_a_transaction_the_answer(client):
 
 
 def test_one_wrong_field_is_one_error_at_its_place(client):
-    """A body is discriminated by `knowledge_type`: what is wrong is said once, with where it is."""
+    """A body is discriminated by `knowledge_type`: one error, with its position."""
     answer = client.post("/knowledge", json={"knowledge_type": 1, "attribute_name": 5})
     assert answer.status_code == 422
     (error,) = answer.json()["detail"]
@@ -232,6 +232,6 @@ def test_history_and_state_are_responses(client):
 
 
 def test_openapi_names_the_discriminator(client):
-    """The interface's description tells the kinds of items apart by their `knowledge_type`."""
+    """The interface's description distinguishes the types of items by their `knowledge_type`."""
     body = client.get("/openapi.json").json()["paths"]["/knowledge"]["post"]["requestBody"]
     assert body["content"]["application/json"]["schema"]["discriminator"]["propertyName"] == "knowledge_type"
