@@ -23,7 +23,7 @@ from kbstore.clock import ManualClock, seconds
 BACKENDS = ("memory", "file", "postgresql")
 
 START = seconds(1000)
-"""When the clock of the tests starts."""
+"""The time at which the clock of the tests starts."""
 
 DOMAIN = """
 (define (domain rooms)
@@ -79,7 +79,7 @@ def pytest_sessionfinish() -> None:
 
 
 _HASTY = {"fsync": "off", "synchronous_commit": "off", "full_page_writes": "off"}
-"""Settings of a server that lives for one session: what it had written is lost with the machine, not with a process."""
+"""Settings of a server for one session: a crash of the machine may lose its data, the end of a process may not."""
 
 
 @pytest.fixture(scope="session")

@@ -22,7 +22,7 @@ up_kairos.register()
 unified_planning.shortcuts.get_environment().credits_stream = None
 
 BEGIN = seconds(1000)
-"""When the clock of the tests starts."""
+"""The time at which the clock of the tests starts."""
 
 
 @pytest.fixture

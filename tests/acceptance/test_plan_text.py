@@ -136,7 +136,7 @@ def test_an_unknown_operator_is_named(garden: KnowledgeBase):
 
 
 HOSTILE = {"(": 1, " ": None, "(x ": 1, "9": 1, "[": 1, "(dig ": 1, ";": None, "\n": None, ")": 1, "step ": 1}
-"""Parts of hostile lines, and the line where what is made of them is refused; None: it is an empty plan."""
+"""Parts of hostile lines, and the line at which their plan is refused; None where it is an empty plan."""
 
 
 @pytest.mark.parametrize(("part", "line"), HOSTILE.items())

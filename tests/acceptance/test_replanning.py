@@ -36,7 +36,7 @@ def initially(problem: Problem, fluent: str, *objects: str) -> Any:
 
 @pytest.fixture
 def wait(kb: KnowledgeBase, clock: ManualClock) -> Callable[[int], None]:
-    """A wait; whenever the schedule says that the door is open, a camera reports that it is not."""
+    """A wait; while the schedule has the door open, a camera reports that it is shut."""
 
     def waiting(t: int) -> None:
         clock.set(t)
@@ -91,7 +91,7 @@ def test_a_failure_is_explained(kb: KnowledgeBase):
 
 
 @pytest.mark.usefixtures("failed")
-def test_what_runs_is_part_of_the_problem_after_the_failure(kb: KnowledgeBase, wait: Callable[[int], None]):
+def test_runs_are_part_of_the_problem_after_the_failure(kb: KnowledgeBase, wait: Callable[[int], None]):
     """O4: the end effects of the centrifuge's rinsing are scheduled; the new plan needs them, and they come."""
     (run,) = kb.state().running
     assert (run.operator, run.expected_end) == ("rinse", BEGIN + seconds(360))

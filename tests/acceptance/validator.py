@@ -79,10 +79,10 @@ def disagreements(
         objects = state.objects()
         variables = [f"?{name}" for name in objects]
         names = dict(zip(map(str.lower, objects), variables, strict=True))
-        said = " ".join(_WORD.sub(partial(_renamed, names), text) for text in everything(state, numbers=numbers))
+        content = " ".join(_WORD.sub(partial(_renamed, names), text) for text in everything(state, numbers=numbers))
         parameters = " ".join(variables)
         witnesses.append(
-            f"(:action witness-{number} :parameters ({parameters}) :precondition (and {said}) :effect (and))"
+            f"(:action witness-{number} :parameters ({parameters}) :precondition (and {content}) :effect (and))"
         )
         lines.append(f"{decimal(at)}: (witness-{number} {' '.join(objects)})")
     opened = domain[: domain.rindex(")")]

@@ -13,7 +13,7 @@ NESTED = "(not " * 20_000 + "(open lab_door)" + ")" * 20_000
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "reason"),
     [
         (["nonsense"], "No such command 'nonsense'"),
         (["state", "--nonsense"], "No such option: --nonsense"),
@@ -63,7 +63,7 @@ NESTED = "(not " * 20_000 + "(open lab_door)" + ")" * 20_000
         (["goal", "add"], "Missing argument"),
     ],
 )
-def test_an_error_is_one_line(run, arguments, said, tmp_path, monkeypatch):
+def test_an_error_is_one_line(run, arguments, reason, tmp_path, monkeypatch):
     """The reason on one line of standard error; nothing on standard output; exit 2."""
     monkeypatch.chdir(tmp_path)
     done = run(*arguments)
@@ -71,7 +71,7 @@ def test_an_error_is_one_line(run, arguments, said, tmp_path, monkeypatch):
     assert done.err.startswith("kbstore: ")
     assert done.err.endswith("\n")
     assert done.err.count("\n") == 1
-    assert said in done.err
+    assert reason in done.err
 
 
 def test_all_violations_are_on_the_line(run, store):
@@ -146,7 +146,7 @@ def test_replaced_advice_still_occurs(advice):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "reason"),
     [
         (["value", "(battery"], "a ')' is missing"),
         (["start", "pick_up", "kenny", "blood", "office"], "; kbstore apply does all of it"),
@@ -155,11 +155,11 @@ def test_replaced_advice_still_occurs(advice):
         (["export", "--domain", "--url", "empty.db"], "; load one: kbstore load domain.pddl"),
     ],
 )
-def test_advice_is_given_in_commands(run, arguments, said, tmp_path, monkeypatch):
+def test_advice_is_given_in_commands(run, arguments, reason, tmp_path, monkeypatch):
     """Errors on the command line name commands, not Python."""
     monkeypatch.chdir(tmp_path)
     run("add", "a - place", "--url", "empty.db")
     done = run(*arguments)
     assert done.code == 2
-    assert said in done.err
+    assert reason in done.err
     assert not [word for word in ("kb.", "()", "kbstore.") if word in done.err]

@@ -61,7 +61,7 @@ EXAMPLES = {
 }
 
 SERVING = {"mcp", "ros plansys2", "ros record", "ros rosplan", "serve"}
-"""Commands that serve until they are ended, and print no answer."""
+"""Commands that serve until they are stopped, and print no answer."""
 
 
 def test_the_commands_are_those_of_the_list():

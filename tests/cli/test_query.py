@@ -9,7 +9,7 @@ BEFORE = "2026-05-04T09:00:45Z"
 
 
 @pytest.mark.parametrize(
-    ("condition", "at", "code", "said"),
+    ("condition", "at", "code", "expected"),
     [
         ("(open lab_door)", "2026-05-04T09:00:30Z", 0, "true"),
         ("(open lab_door)", ALARM, 1, "false"),
@@ -17,12 +17,12 @@ BEFORE = "2026-05-04T09:00:45Z"
         ("(> (battery linen_cart) 5)", ALARM, 3, "unknown"),
     ],
 )
-def test_holds_answers_by_its_exit_code(run, condition, at, code, said):
+def test_holds_answers_by_its_exit_code(run, condition, at, code, expected):
     """Exit 0 is true, 1 false, 3 unknown (V6)."""
     done = run("holds", condition, "--at", at)
-    assert (done.code, done.out, done.err) == (code, f"{said}\n", "")
+    assert (done.code, done.out, done.err) == (code, f"{expected}\n", "")
     answer = run("holds", condition, "--at", at, "--json")
-    assert (answer.code, answer.json["truth"], answer.json["at"]) == (code, said, at)
+    assert (answer.code, answer.json["truth"], answer.json["at"]) == (code, expected, at)
 
 
 def test_value_is_a_number_alone(run):

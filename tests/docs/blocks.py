@@ -22,7 +22,7 @@ ROOT = Path(__file__).parents[2]
 DOCUMENTS = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")])
 RUN = {"python", "sh"}
 DATA = {"sql", "pddl", "json", "text", "ini"}
-"""The languages of blocks: those that are run, and those that are not (SQL has a test of its own)."""
+"""The languages of blocks: those that are run, and those that are not (SQL has a separate test)."""
 
 _FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 _SAVED = re.compile(r"[Ss]ave (?:this|it) as `([\w.-]+)`[^\n]*\n\n\Z")

@@ -48,7 +48,7 @@ def test_every_command_is_documented():
 
 
 FROM_A_ROS_DISTRIBUTION = {"plansys2_msgs", "rclpy"}
-"""What no extra can bring: a module that imports it has no examples."""
+"""Packages that no extra installs: a module that imports one has no examples."""
 
 
 @pytest.mark.parametrize("name", MODULES)

@@ -8,11 +8,11 @@ from tests.docs.blocks import ROOT
 
 PAGE = (ROOT / "docs" / "semantics.md").read_text(encoding="utf-8")
 COUNTS = {"T": 6, "V": 11, "C": 13, "L": 9, "D": 4, "Q": 9, "O": 8, "P": 7}
-"""How many rules each letter has; they are numbered from 1."""
+"""The number of rules of each letter; they are numbered from 1."""
 
 RULES = {f"{letter}{number}" for letter, count in COUNTS.items() for number in range(1, count + 1)}
 PENDING: set[str] = set()
-"""Rules whose code is on its way. One that is built leaves this set."""
+"""Rules that are not implemented yet."""
 
 LETTERS = "".join(COUNTS)
 

@@ -371,7 +371,7 @@ def test_v8_unknown_symbols_are_refused_in_every_branch(condition: Formula, sent
 
 @pytest.mark.parametrize("condition", [Atom("free"), Atom("free", ("p1", "p2")), compare("total r1", GREATER, 0.0)])
 def test_a_wrong_number_of_arguments_is_refused(condition: Formula) -> None:
-    """D1: the domain says how many arguments there are."""
+    """D1: the number of arguments is that of the domain."""
     with pytest.raises(InvalidKnowledge, match=r"arguments?, but .* takes"):
         truth(Or((Truism(), condition)), world())
 

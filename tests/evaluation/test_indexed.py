@@ -59,7 +59,7 @@ def test_random_conditions_without_a_domain_are_the_same(condition: Formula, wor
     assert truth(condition, indexed(world)) is brute_force.truth(condition, world)
 
 
-def test_what_is_bound_is_looked_up() -> None:
+def test_atoms_with_objects_are_looked_up() -> None:
     """A pattern, an existence and a join with an object in them read neither a whole predicate nor all objects."""
     objects = {"r1": "robot", **{f"p{i}": "place" for i in range(50)}}
     facts = {"at r1 p7": True, "free p7": True, **{f"free p{i}": True for i in range(20, 50)}}

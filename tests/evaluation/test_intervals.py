@@ -12,7 +12,7 @@ def test_intervals_are_a_list_of_pairs() -> None:
     assert Intervals([(1, 3), (5, 9)]) == [(1, 3), (5, 9)]
 
 
-def test_what_follows_from_intervals() -> None:
+def test_properties_of_intervals() -> None:
     """Q4: ever, first and last time, total duration; the last time is within the half-open interval."""
     intervals = Intervals([(10, 30), (50, 51)])
     assert (intervals.ever, intervals.first, intervals.last, intervals.total) == (True, 10, 50, 21)

@@ -231,7 +231,7 @@ def test_an_empty_trace():
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "reason"),
     [
         (["--of", "runs"], "--of is for --format csv or --format parquet, not for pddl"),
         (["--format", "perfetto", "(open ?)"], "a pattern is for --format csv or --format parquet, not for perfetto"),
@@ -243,9 +243,9 @@ def test_an_empty_trace():
         (["--format", "csv", "--of", "transactions", "(open ?)"], "transactions have no pattern"),
     ],
 )
-def test_options_of_other_formats_are_refused(file, arguments, said):
+def test_options_of_other_formats_are_refused(file, arguments, reason):
     """An option without a meaning for a format is an error, and nothing is written."""
-    assert said in refused(file, *arguments)
+    assert reason in refused(file, *arguments)
 
 
 def test_jsonl_is_everything(file):

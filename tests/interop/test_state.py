@@ -65,7 +65,7 @@ def test_a_function_moved_by_runs_is_constant_until_their_ends():
         to_problem(moving)
 
 
-def test_of_several_effects_at_one_time_the_last_counts():
+def test_the_last_of_several_effects_at_one_time_counts():
     """V1: of two effects on one fluent at one time, the later counts; an end effect comes after the schedule."""
     ends = [(5, "(= (speed) 2)", "(go)"), (5, "(= (speed) 3)", "(go)"), (5, "(not (open))", "(go)")]
     problem = to_problem(state(timed={5: "(open)"}, ends=ends))

@@ -46,7 +46,7 @@ RULES = {
     "String": "TEXT",
     "Text": "VARCHAR",
 }
-"""SQLAlchemy's generic types, each with another one as a host may want it."""
+"""SQLAlchemy's generic types, each with a type that a host may prefer."""
 
 
 def live_under_rules(url):

@@ -70,7 +70,7 @@ ROWS = {
         }
     ],
 }
-"""Rows of revision 0001; what all assertions have is filled in."""
+"""Rows of revision 0001; columns that all assertions have are filled in."""
 
 
 def fill(engine):

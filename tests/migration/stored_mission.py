@@ -12,7 +12,7 @@ from kbstore import ManualClock, seconds
 from kbstore.storage import schema
 
 STORED = Path(__file__).parent / "stored"
-"""Where the files are: one for each revision, compressed."""
+"""The directory of the files: one for each revision, compressed."""
 
 NAME = "kenny"
 

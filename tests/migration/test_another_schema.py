@@ -16,7 +16,7 @@ BOTH = {
     "DROP VIEW current_facts": "it lacks view current_facts",
     "DROP TABLE revisions": "it lacks .*revisions",
 }
-"""What can be done to a store on both engines, and what is said of it."""
+"""Changes of a store that both engines allow, and the words of the refusal."""
 
 SQLITE = {
     "CREATE TRIGGER t AFTER INSERT ON transactions BEGIN DELETE FROM facts; END": "it has trigger t on transactions",

@@ -10,7 +10,7 @@ WILDCARD = "?"
 ROOT = "object"
 
 Timeline = tuple[object, ...]
-"""What identifies the whole life of one ground thing: the role, the kind of knowledge, and its name."""
+"""The key of a timeline: the role, the kind of knowledge, and its name."""
 
 
 @dataclass(frozen=True)

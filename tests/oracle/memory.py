@@ -93,7 +93,7 @@ class Reference:
     def write(self, clock: int, updates: Iterable[Update]) -> int:
         """Make a transaction; returns how much changed. Raises `Refused`, or `Unsettled` where no rule decides."""
         if clock < self.latest.time - TOLERANCE:
-            raise Refused("ClockWentBackwards", f"the clock says {clock}, and the latest time is {self.latest.time}")
+            raise Refused("ClockWentBackwards", f"the clock is at {clock}, and the latest time is {self.latest.time}")
         event = Event(self.latest.number + 1, self.now(clock), tuple(updates))
         overlay = self.tried(event)
         overlay.refuse()

@@ -264,7 +264,7 @@ def test_a_run_moves_its_functions_until_it_ends(kb):
 
 
 def test_effects_decided_at_the_start_happen_at_the_end(kb):
-    """O2, O3: by the facts before the at-start effects, whatever is true at the end."""
+    """O2, O3: by the facts before the at-start effects, not by those at the end."""
     dark = Fact("lit", positive=False)
     act = RefAction(
         "watch",

@@ -119,7 +119,7 @@ class TestConnectives:
 
 class TestRefusals:
     @pytest.mark.parametrize(
-        ("text", "kind", "says"),
+        ("text", "kind", "reason"),
         [
             ("(docked)", UnknownSymbol, "no predicate docked; it has robot_at"),
             ("(> (fuel) 3)", UnknownSymbol, "no numeric function fuel"),
@@ -155,9 +155,9 @@ class TestRefusals:
             ("minimize (cost)", PddlSyntaxError, "not a condition"),
         ],
     )
-    def test_refused(self, text, kind, says):
+    def test_refused(self, text, kind, reason):
         """Each is refused with its kind of error, and with what was expected."""
-        with pytest.raises(kind, match=says):
+        with pytest.raises(kind, match=reason):
             parse_condition(text, DOMAIN)
 
     @pytest.mark.parametrize("opening", ["(and (or ", "(forall (?x) ", "(imply (p) ", "(not (and ", "(preference n "])

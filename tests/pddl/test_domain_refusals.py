@@ -174,11 +174,11 @@ REFUSALS = {
 @pytest.mark.parametrize("case", REFUSALS)
 def test_refusal(case, tmp_path):
     """Each is refused with file, line and column, the line quoted, and what was expected."""
-    text, says = REFUSALS[case]
+    text, reason = REFUSALS[case]
     expected = marked(text)
     path = tmp_path / "domain.pddl"
     path.write_text(expected.text)
-    with pytest.raises(PddlSyntaxError, match=says) as caught:
+    with pytest.raises(PddlSyntaxError, match=reason) as caught:
         read_domain(path)
     error = caught.value
     assert (error.line, error.column) == (expected.line, expected.column)

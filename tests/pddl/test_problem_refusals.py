@@ -137,18 +137,18 @@ def expected(request, tmp_path):
     return path, case
 
 
-@pytest.mark.parametrize(("expected", "says"), SYNTAX.values(), ids=SYNTAX, indirect=["expected"])
-def test_syntax(expected, says):
+@pytest.mark.parametrize(("expected", "reason"), SYNTAX.values(), ids=SYNTAX, indirect=["expected"])
+def test_syntax(expected, reason):
     """Text that is not PDDL is refused with file, line and column, and with the line quoted."""
     path, case = expected
-    with pytest.raises(PddlSyntaxError, match=says) as caught:
+    with pytest.raises(PddlSyntaxError, match=reason) as caught:
         read_problem(path, DOMAIN)
     assert (caught.value.line, caught.value.column) == (case.line, case.column)
     assert str(caught.value).startswith(f"{path}:{case.line}:{case.column}: ")
 
 
-@pytest.mark.parametrize(("expected", "says"), KNOWLEDGE.values(), ids=KNOWLEDGE, indirect=["expected"])
-def test_knowledge(expected, says):
+@pytest.mark.parametrize(("expected", "reason"), KNOWLEDGE.values(), ids=KNOWLEDGE, indirect=["expected"])
+def test_knowledge(expected, reason):
     """An item that does not fit is refused with file, line and column, the line quoted, and what was expected (D1)."""
     path, case = expected
     with pytest.raises(InvalidKnowledge) as caught:
@@ -156,7 +156,7 @@ def test_knowledge(expected, says):
     (violation,) = caught.value.violations
     sentence, shown, mark = violation.split("\n")
     assert sentence.startswith(f"{path}:{case.line}:{case.column}: ")
-    assert says in sentence
+    assert reason in sentence
     assert shown[mark.index("^") :][:10] == case.quoted[case.column - 1 :][:10]
 
 

@@ -25,7 +25,7 @@ MORE, LESS, EQUALS = ComparisonType.GREATEREQ, ComparisonType.LESSEQ, Comparison
 
 
 def unsatisfied(*asked, **options):
-    """The conditions that fail, without what they are."""
+    """The failing conditions, without their truth values."""
     return [condition for condition, _ in planning.unsatisfied(*asked, **options)]
 
 

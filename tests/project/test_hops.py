@@ -11,7 +11,7 @@ ROOT = os.path.dirname(kbstore.__file__)
 DOMAIN = "(define (domain d) (:types waypoint) (:predicates (visited ?w - waypoint)) (:functions (battery)))"
 
 LONGEST = 7
-"""How many modules a call may pass on its way to SQL."""
+"""The number of modules that a call may enter on its way to SQL."""
 
 
 def modules_to_sql(call):

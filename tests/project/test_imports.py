@@ -10,7 +10,7 @@ import kbstore
 from tests.project.conftest import ROOT
 
 HEAVY = {"sqlalchemy", "alembic", "pydantic", "psycopg", "typer", "rich", "unified_planning"}
-"""What takes longest to import, of what kbstore uses."""
+"""The dependencies that take longest to import."""
 
 COMMAND = "import sys; from kbstore.cli import main; sys.argv[0] = 'kbstore'; main()"
 

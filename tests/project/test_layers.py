@@ -29,7 +29,7 @@ LAYERS = (
     ("serve",),
     ("cli",),
 )
-"""From what everything may use to the faces; what stands together in a layer knows nothing of each other."""
+"""From the lowest layer to the faces; modules of one layer do not import each other."""
 
 MOST_ROOMS = 22
 MOST_LEVELS = 15
@@ -42,7 +42,7 @@ LONG = {
     "kbstore/storage/repository.py": "all that is asked of the store: one short method for each question",
     "kbstore/writing/unit_of_work.py": "the public interface of a transaction: one short method for each update",
 }
-"""Modules of more lines, each with why it is not split."""
+"""Modules of more lines, each with the reason why it is not split."""
 
 DRIVERS = {"sqlite3", "sqlalchemy", "psycopg", "alembic"}
 NAMED = {"kbstore.api": {"Engine", "URL"}, "kbstore.cli.demo.tour": {"sqlite3"}}
@@ -115,14 +115,14 @@ def circles(needs):
 
 
 def test_every_module_has_a_layer():
-    """Each package and each module right below kbstore stands in one layer, and no layer names one that is not."""
+    """Each package and each module right below kbstore is in one layer, and no layer has an unknown name."""
     listed = [name for parts in LAYERS for name in parts]
     assert len(listed) == len(set(listed))
     assert {part(name) for name in MODULES} == set(listed)
 
 
 def test_the_picture_shows_the_layers():
-    """docs/architecture.md draws each layer on a floor of its own, in their order; the package itself is no room."""
+    """docs/architecture.md draws each layer on a separate floor, in their order, without the package itself."""
     page = (ROOT / "docs" / "architecture.md").read_text()
     floors = [tuple(line.split("|")[1].split()) for line in page.splitlines() if line.startswith("  |  ")]
     assert floors == [rooms for rooms in reversed(LAYERS) if rooms != ("__init__",)]
@@ -140,7 +140,7 @@ def test_imports_point_downwards():
 
 
 def test_no_imports_in_circles():
-    """No module is needed by what it needs, within packages neither."""
+    """No module imports itself through others, nor within packages."""
     assert not circles(own_imports())
 
 
@@ -210,7 +210,7 @@ def test_sql_is_spoken_in_storage_only(name):
 
 
 HIDDEN = ("queries", "assertion_queries", "statements", "connection", "sqlite_connection", "postgresql_connection")
-"""What the repository, the directory and the database stand in front of."""
+"""The modules behind the repository, the directory and the database."""
 
 
 @pytest.mark.parametrize("name", [name for name in MODULES if part(name) not in ("storage", "transfer")])
@@ -220,7 +220,7 @@ def test_the_repository_is_the_way_to_the_store(name):
 
 
 def test_modules_are_small():
-    """A module has at most 400 lines; where one has more, it is said why."""
+    """A module has at most 400 lines; the exceptions have their reasons."""
     lengths = {str(path.relative_to(ROOT)): len(path.read_text().splitlines()) for path in MODULES.values()}
     assert {name for name, length in lengths.items() if length > LONGEST} == set(LONG)
 

@@ -38,7 +38,7 @@ def right(kb: kbstore.KnowledgeBase, message: Any, mapping: dict[str, object]) -
     times: list[kbstore.TimeLike] = [1, "now", datetime.now(UTC), Stamp()]
     durations: list[kbstore.DurationLike] = [1, timedelta(0), Stamp()]
     asked: list[kbstore.Question] = ["(p)", items[0], mapping]
-    told: list[kbstore.Knowledge] = ["(p)", items[0], mapping]
+    added: list[kbstore.Knowledge] = ["(p)", items[0], mapping]
 
 
 def wrong(kb: kbstore.KnowledgeBase, tx: kbstore.OpenTransaction, state: kbstore.State) -> None:

@@ -117,7 +117,7 @@ writes = weighted(
 again = st.tuples(st.sampled_from(["cancel", "cancel", "reschedule", "end", "repeat"]), st.integers(0, 20))
 
 steps = st.tuples(weighted((3, writes), (1, again)), delays)
-"""A step is what to do, and how far ahead; `again` points at something that is scheduled, or holds."""
+"""A step is an update, and how far ahead it is; `again` repeats a scheduled or a current item."""
 
 late_writes = weighted(
     (2, st.tuples(st.just("add"), weighted((3, likely_objects), (1, objects), (1, ends)))),
@@ -134,7 +134,7 @@ late_steps = st.tuples(
     weighted((3, st.none()), (3, st.integers(1, 12))),
     weighted((12, st.none()), (1, st.sampled_from([(1, None), (0, 1), (-3, -3), (None, -2)]))),
 )
-"""A step with where it begins among the moments of the past, how many moments later it ends, and wrong times."""
+"""A step with the past time at which it begins, the number of times until it ends, and wrong times."""
 
 wrong_steps = st.tuples(st.tuples(st.sampled_from(["add", "remove"]), mistakes), delays)
 

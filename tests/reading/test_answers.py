@@ -220,7 +220,7 @@ def large(tmp_path):
 
 
 WHOLE = "level"
-"""What only a statement has that reads all facts or objects at a time."""
+"""Text of the statements that read all facts or objects at a time, and of no others."""
 
 
 def test_the_statement_of_a_whole_state_is_recognized(large):

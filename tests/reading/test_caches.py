@@ -98,7 +98,7 @@ def test_stale_entries_are_dropped_from_both_generations():
 
 
 def test_putting_many_is_putting_one_after_another():
-    """With `put_all`, the two generations and what is not yet released are the same as after a `put` for each."""
+    """After `put_all`, the generations and the unreleased entries are the same as after a `put` for each."""
     at_once, one_by_one = LRU(30), LRU(30)
     for size in (0, 4, 11, 1, 40, 3, 15, 16, 2, 9):
         values = {number * 5 % 17: number for number in range(size)}

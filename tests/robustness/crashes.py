@@ -19,7 +19,7 @@ DOMAIN = """
   (:predicates (done ?s - step) (even) (due ?s - step) (alarm))
   (:functions (counter)))
 """
-"""The first transaction loads it; each later one is a step."""
+"""The domain, loaded by the first transaction; each later one is a step."""
 
 
 def take_step(kb, clock, number):

@@ -6,7 +6,7 @@ import kbstore
 from kbstore.errors import Conflict
 
 FULL = bool(os.environ.get("KBSTORE_TEST_FULL"))
-"""Whether everything is tried as often as one could wish; the usual run is content with less."""
+"""Whether to run the long tests; the usual run has fewer repetitions."""
 
 
 def increment(url, name, times, together):
@@ -44,7 +44,7 @@ def write(url, name, me, times):
     """Add one thing after another."""
     with kbstore.open(url, name) as kb:
         for number in range(times):
-            kb.add(f"(said p{me} n{number})", client=f"p{me}")
+            kb.add(f"(seen p{me} n{number})", client=f"p{me}")
 
 
 def follow(url, name, after, upto, seen):

@@ -112,7 +112,7 @@ def open_directory():
     shutil.rmtree(directory)
 
 
-def ask_as_nobody(path, read_only, works):
+def ask_without_rights(path, read_only, works):
     """Open and ask as a user who may not write; adding is refused in every case."""
     if os.geteuid() == 0:
         os.setuid(NOBODY)
@@ -140,7 +140,7 @@ def test_a_file_without_the_right_to_write(open_directory, read_only):
         file.chmod(0o444)
     open_directory.chmod(0o555)
     before = {file.name: file.read_bytes() for file in open_directory.iterdir()}
-    finish(start(ask_as_nobody, path, read_only, False), start(ask_as_nobody, copy, read_only, read_only))
+    finish(start(ask_without_rights, path, read_only, False), start(ask_without_rights, copy, read_only, read_only))
     assert {file.name: file.read_bytes() for file in open_directory.iterdir()} == before
     open_directory.chmod(0o755)
     path.chmod(0o644)

@@ -17,7 +17,7 @@ pytestmark = pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptio
 """An interrupt while an object is deleted is reported, not raised."""
 
 ENDINGS = {"__exit__", "checkin", "_return", "put"}
-"""Functions that clean up: an interrupt before their first line cannot be helped."""
+"""Functions that clean up: an interrupt before their first line cannot be handled."""
 
 
 class Interrupt:

@@ -153,7 +153,7 @@ def test_nothing_is_prepared_behind_a_pooler(pooled_url):
 
 
 def test_the_error_of_mixed_up_prepared_statements():
-    """The error tells a user who asks for them behind a pooler without support what to remove."""
+    """Behind a pooler without support for them, the error has the option to remove."""
     for error in (psycopg.errors.InvalidSqlStatementName, psycopg.errors.DuplicatePreparedStatement):
         assert "leave prepare_threshold out of the URL" in str(unavailable(error("_pg3_0"), "rooms", 30.0))
 
@@ -174,7 +174,7 @@ def test_a_day_behind_a_pooler(pooled_url):
 
 
 def test_an_answer_that_begins_before_all_queries_are_sent(postgresql_url):
-    """The double forwards whatever fills the server's buffer, also where the client has not yet asked for the rest."""
+    """The double forwards each full buffer of the server, also where the client has not yet asked for the rest."""
     if not server_is_ours(postgresql_url):
         pytest.skip("the server is not in this file system")
     with pooled(postgresql_url) as (url, _), psycopg.connect(driver_url(url), autocommit=True) as connection:

@@ -64,7 +64,7 @@ def test_a_follower_misses_and_repeats_nothing(shared_url, name, follower):
     finish(*(start(write, shared_url, name, me, times) for me in range(writers)), following)
     found = answers(seen)
     assert [number for number, _ in found] == list(range(1, total + 1))
-    expected = {f"(said p{me} n{number})" for me in range(writers) for number in range(times)}
+    expected = {f"(seen p{me} n{number})" for me in range(writers) for number in range(times)}
     assert {text for _, text in found[1:]} == expected
 
 

@@ -14,7 +14,7 @@ PACKAGE = "plansys2_msgs"
 SOURCES = Path(__file__).parent / PACKAGE
 TYPE_SUPPORTS = ("rosidl_typesupport_fastrtps_c", "rosidl_typesupport_introspection_c")
 INTROSPECTION = PREFIX / "introspection" / PACKAGE
-"""Where sources are that would have the names of others."""
+"""The directory of sources whose names would clash."""
 
 DEPENDENCIES = ("std_msgs", "builtin_interfaces", "service_msgs")
 LIBRARIES = (

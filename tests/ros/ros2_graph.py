@@ -17,7 +17,7 @@ from kbstore.ros.ros2_node import quick_executor, spin
 
 KBSTORE = sys.executable, "-c", "from kbstore.cli import main; main()"
 PATIENCE = 60
-"""Seconds for what should come at once; the machine may be busy."""
+"""Timeout in seconds for events that should come at once; the machine may be busy."""
 
 CONFIGURE, CLEANUP = Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_CLEANUP
 ACTIVATE, DEACTIVATE = Transition.TRANSITION_ACTIVATE, Transition.TRANSITION_DEACTIVATE

@@ -636,7 +636,7 @@ def test_snapshots_of_a_thousand_facts(tester, script, recorder, place, capsys):
     """At 10 a second the recorder keeps up, and of a burst it takes the latest. The figures are printed."""
     script.instances = {f"r{number}": "room" for number in range(10)} | {f"i{number}": "item" for number in range(1000)}
     script.instances["hub"] = "dock"
-    said = []
+    lines = []
 
     def publish(turn, room):
         script.predicates = [f"(item_at i{item} {room(turn, item)})" for item in range(1000)]
@@ -665,10 +665,10 @@ def test_snapshots_of_a_thousand_facts(tester, script, recorder, place, capsys):
         recorded(publish, 0, few_move)
         for changed, room in ((40, few_move), (1000, all_move)):
             number, lag = recorded(ten_a_second, room)
-            said.append(f"{number} of 40 with {changed} facts changed in each, the last after {lag:.2f} s")
+            lines.append(f"{number} of 40 with {changed} facts changed in each, the last after {lag:.2f} s")
         number, _ = recorded(burst)
     with capsys.disabled():
-        print(f"\nsnapshots of 1,000 facts at 10 a second: {'; '.join(said)}; {number} of 100 at once")
+        print(f"\nsnapshots of 1,000 facts at 10 a second: {'; '.join(lines)}; {number} of 100 at once")
     assert 1 <= number < 100
 
 

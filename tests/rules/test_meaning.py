@@ -62,12 +62,12 @@ WRONG = [
 ]
 
 
-@pytest.mark.parametrize(("question", "says"), WRONG)
-def test_a_question_that_cannot_be_meant_is_refused(world, question, says):
+@pytest.mark.parametrize(("question", "reason"), WRONG)
+def test_a_question_that_cannot_be_meant_is_refused(world, question, reason):
     """V10: in every method, and however often it is asked; the answer would be the same in every state."""
     for _ in range(2):
         for ask in asking(world):
-            with pytest.raises(InvalidKnowledge, match=says):
+            with pytest.raises(InvalidKnowledge, match=reason):
                 ask(question)
 
 

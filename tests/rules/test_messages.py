@@ -205,11 +205,11 @@ WRONG = [
 ]
 
 
-@pytest.mark.parametrize(("shape", "says"), WRONG, ids=[says[:30] for _, says in WRONG])
-def test_a_message_that_is_not_well_formed_is_refused(world, shape, says):
+@pytest.mark.parametrize(("shape", "reason"), WRONG, ids=[reason[:30] for _, reason in WRONG])
+def test_a_message_that_is_not_well_formed_is_refused(world, shape, reason):
     """D1: with a typed error that says what is wrong, in questions and in goals; nothing is stored."""
     for method in (world.holds, world.add_goal):
         for form in (dict, message):
-            with pytest.raises(kbstore.KbStoreError, match=says):
+            with pytest.raises(kbstore.KbStoreError, match=reason):
                 method(form(shape))
     assert world.goals() == []

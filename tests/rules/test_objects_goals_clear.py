@@ -108,8 +108,8 @@ def test_a_scheduled_end_ends_what_mentions_the_object_at_its_time(kb):
     assert (assertion.end_time, assertion.ended.number) == (START + 10, ending.number)
 
 
-def test_a_scheduled_end_cancels_what_is_scheduled_from_then_on(kb):
-    """C9: what is scheduled before that time stays."""
+def test_a_scheduled_end_cancels_later_scheduled_mentions(kb):
+    """C9: assertions scheduled before that time stay."""
     for at in (9, 10, 11):
         kb.add("(open wp0)", initial_time=START + at)
     kb.add(END, initial_time=START + 10)

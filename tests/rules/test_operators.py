@@ -266,7 +266,7 @@ def test_a_start_has_the_at_start_effects_and_is_part_of_the_state(depot, clock)
 
 
 def test_a_state_within_a_transaction_keeps_what_ran(depot):
-    """O3: it is the state as it was when it was read, whatever the transaction starts or aborts afterwards."""
+    """O3: it is the state at the time of reading; later starts and aborts of the transaction do not change it."""
     with depot.transaction() as tx:
         before = tx.state()
         run = tx.start(*ROUTE)

@@ -137,13 +137,13 @@ def test_numbers_are_written_without_exponents(kb):
     assert "10000000000000000000000" in text
 
 
-def test_what_pddl_has_no_words_for_is_a_comment(kb):
+def test_parts_without_pddl_are_comments(kb):
     """P2: rates, scheduled objects, recorded inequalities."""
     kb.add(kbstore.Function(attribute_name="cost", function_value=1, rate=2), "(> (cost) 5)")
     kb.add("box - item", initial_time=START + 10)
     comments = [line for line in kb.to_pddl().splitlines() if line.lstrip().startswith(";")]
-    for said in ("cost", "box", "(> (cost) 5)"):
-        assert any(said in line for line in comments), said
+    for part in ("cost", "box", "(> (cost) 5)"):
+        assert any(part in line for line in comments), part
 
 
 def test_timed_knowledge_about_a_scheduled_object_is_a_comment(kb, open_kb):

@@ -444,7 +444,7 @@ def test_a_closed_knowledge_base_refuses_every_call(kb):
             use()
 
 
-def test_what_was_written_is_there_after_reopening(open_kb, store_url, clock, tmp_path):
+def test_writes_are_there_after_reopening(open_kb, store_url, clock, tmp_path):
     """Q1: a second opening gives the same answers."""
     if store_url == "sqlite://":
         store_url = f"sqlite:///{tmp_path / 'again.db'}"

@@ -353,7 +353,7 @@ def test_a_number_becomes_undefined_by_the_clock(tanks, clock):
                 level(tanks, t)
 
 
-# -- exactly as long as the domain says ---------------------------------------------------------------------------
+# -- exactly as long as the domain fixes ---------------------------------------------------------------------------
 
 
 def test_at_its_expected_end_an_action_has_taken_exactly_its_duration(tanks, clock):

@@ -105,7 +105,7 @@ def test_all_forms_of_a_time_mean_the_same(open_kb, form):
 
 
 @pytest.mark.parametrize(
-    ("form", "says"),
+    ("form", "reason"),
     [
         (datetime(2017, 7, 14, 2, 40), "timezone"),
         ("2017-07-14T02:40:00", "offset"),
@@ -118,13 +118,13 @@ def test_all_forms_of_a_time_mean_the_same(open_kb, form):
     ],
     ids=["naive", "no-offset", "word", "float", "nan", "bool", "float-stamp", "object"],
 )
-def test_other_forms_are_refused_with_advice(kb, form, says):
+def test_other_forms_are_refused_with_advice(kb, form, reason):
     """T2: naive datetimes, floats and bools are refused with a message that says what to write instead."""
-    with pytest.raises(kbstore.InvalidTime, match=says):
+    with pytest.raises(kbstore.InvalidTime, match=reason):
         kb.state(at=form)
-    with pytest.raises(kbstore.InvalidTime, match=says):
+    with pytest.raises(kbstore.InvalidTime, match=reason):
         kb.add("(raining)", initial_time=form)
-    with pytest.raises(kbstore.InvalidTime, match=says):
+    with pytest.raises(kbstore.InvalidTime, match=reason):
         kbstore.time(form)
     assert facts(kb) == []
 

@@ -407,10 +407,10 @@ def test_text_nested_very_deep_is_stored_or_refused(one_kb, text, methods):
         try:
             getattr(one_kb, method)(text)
         except kbstore.KbStoreError as refusal:
-            said = str(refusal)
+            reason = str(refusal)
         else:
-            said = ""
-        assert len(said) < 2_000
+            reason = ""
+        assert len(reason) < 2_000
     one_kb.add("(open wp0)")
     assert one_kb.holds("(open wp0)")
 

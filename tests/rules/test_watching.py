@@ -168,7 +168,7 @@ def test_a_change_by_the_clock_has_no_transaction(kb, clock):
 
 
 def test_a_crossing_is_exact(kb, clock):
-    """Q9, Q4: a moving number crosses a limit at a nanosecond, at whatever times it is polled."""
+    """Q9, Q4: a moving number crosses a limit at a nanosecond, at any times of polling."""
     kb.add("(= (battery kenny) 90)")
     kb.add("(decrease (battery kenny) (* #t 3))")
     watch = kb.watch_condition("(< (battery kenny) 20)", timeout=0)

@@ -267,8 +267,8 @@ def test_an_agent_without_a_name_is_mcp(ken):
 
 def test_nothing_is_written_unless_it_is_allowed(kenny):
     """Without permission there are no tools that write."""
-    ((failed, said),) = calls(agent_server(kenny), ("add", {"items": ["bob - robot"]}))
-    assert (failed, said) == (True, "Unknown tool: add")
+    ((failed, reason),) = calls(agent_server(kenny), ("add", {"items": ["bob - robot"]}))
+    assert (failed, reason) == (True, "Unknown tool: add")
     tools, instructions = listed(agent_server(kenny, allow_writes=True))
     assert [tool.name for tool in tools] == [*ASKING, "add", "remove"]
     writing = {tool.name: tool.annotations for tool in tools[-2:]}
@@ -278,7 +278,7 @@ def test_nothing_is_written_unless_it_is_allowed(kenny):
 
 
 @pytest.mark.parametrize(
-    ("tool", "arguments", "said"),
+    ("tool", "arguments", "reason"),
     [
         ("holds", {"condition": "(opn lab_door)"}, "has no predicate opn; it has robot_at, docked"),
         ("holds", {"condition": "open"}, "(open"),
@@ -302,11 +302,11 @@ def test_nothing_is_written_unless_it_is_allowed(kenny):
         ("add", {"items": ["(open lab_door)"], "since": "+1h"}, "since"),
     ],
 )
-def test_an_error_says_what_to_write_instead(ken, tool, arguments, said):
+def test_an_error_says_what_to_write_instead(ken, tool, arguments, reason):
     """Each error is kbstore's sentence, without advice for programmers; nothing is stored."""
     before = ken.now(), len(list(ken.changes()))
     text = refused(ken, tool, **arguments)
-    assert said in text
+    assert reason in text
     assert not re.search(r"kb\.|kbstore|Error executing|pydantic|Traceback", text)
     assert (ken.now(), len(list(ken.changes()))) == before
 

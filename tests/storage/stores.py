@@ -9,10 +9,10 @@ from kbstore.storage.assertion_queries import for_kind
 from kbstore.storage.interval_tree import level, node
 
 KB = 2
-"""The knowledge base that is asked; another one beside it is as large."""
+"""The number of the knowledge base under test; another one beside it is as large."""
 
 SPAN = 10**12
-"""The history of each reaches from 0 to here."""
+"""The end of the history of each, which begins at 0."""
 
 TIMELINES = 400
 

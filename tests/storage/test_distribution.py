@@ -178,7 +178,7 @@ def parameters_of(statement):
 
 
 READING_OR_CHANGING = [name for name, found in ALL.items() if not found.postgresql.startswith("INSERT")]
-"""What is added goes to one partition, by its key."""
+"""Statements that insert rows, which go to one partition by their keys."""
 
 
 @pytest.mark.parametrize("name", READING_OR_CHANGING)

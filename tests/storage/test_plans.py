@@ -55,10 +55,10 @@ ARRAYS = {
 }
 
 KEYS = [[500, seq] for seq in (1_000_000, 1_000_001)]
-"""Of assertions: their transactions and places."""
+"""The transaction and position of an assertion."""
 
 WHOLE = ("knowledge_base_names", "symbols", "timelines_of_kind")
-"""What reads all that there is, because that is the answer."""
+"""Questions whose answer is all rows."""
 
 
 def questions(tables):
@@ -200,7 +200,7 @@ HISTORY_OF_ONE = (
     "SELECT * FROM {view} WHERE knowledge_base = 'kb2' AND timeline_key >= '{key}' AND timeline_key < '{key}!'",
     "SELECT ended_by, count(*) FROM {view} WHERE knowledge_base = 'kb2' AND timeline_key = '{key}' GROUP BY 1",
 )
-"""What is asked of the views of history, however long that is: one timeline, those of a symbol, and an aggregate."""
+"""Queries of the views of history: one timeline, those of a symbol, and an aggregate."""
 
 
 @pytest.mark.parametrize("view", ["fact_history", "function_history", "instance_history"])
@@ -290,7 +290,7 @@ def test_the_history_of_a_timeline_is_read_by_its_index_on_postgresql(long_postg
 
 @pytest.mark.parametrize("view", ["current_facts", "current_functions", "current_instances", "current_goals"])
 def test_the_present_is_read_by_the_interval_tree_on_postgresql(long_postgresql, view):
-    """The views of the present go down an index once for each level, whatever PostgreSQL guesses of their rows."""
+    """The views of the present search an index once for each level, with any estimate of PostgreSQL's."""
     plan = [row[0] for row in long_postgresql.execute(f"EXPLAIN SELECT * FROM {view} WHERE knowledge_base = 'kb2'")]
     found = [
         condition for step, condition in pairwise(plan) if re.search(r"Index Scan (using|on) ix_\w+_(begin|end)", step)

@@ -13,7 +13,7 @@ from kbstore.cli.demo.mission import moment, record
 from kbstore.clock import ManualClock
 from kbstore.report.timeline.data import timeline_data
 from kbstore.report.timeline.page import page
-from tests.timeline.worlds import START, pairs, said, world
+from tests.timeline.worlds import START, pairs, values_of, world
 
 SECOND = 10**9
 
@@ -57,7 +57,7 @@ def test_the_page_shows_the_state(browser, kenny, seed):
     for (t, tx), (facts, numbers, goals, objects) in zip(asked, found, strict=True):
         state = kb.state(t, as_of=tx)
         values = sorted((text[3 : text.index(")") + 1], float(text[text.index(")") + 2 : -1])) for text in numbers)
-        assert (facts, values) == said(state), (t, tx)
+        assert (facts, values) == values_of(state), (t, tx)
         assert goals == sorted(map(str, state.goals)), (t, tx)
         assert objects == sorted(map(str, state.instances)), (t, tx)
 

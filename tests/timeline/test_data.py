@@ -10,7 +10,7 @@ from kbstore.cli.demo.mission import moment, record
 from kbstore.clock import ManualClock
 from kbstore.report.timeline.data import timeline_data
 from kbstore.report.timeline.text import TextTimeline
-from tests.timeline.worlds import START, pairs, said, world
+from tests.timeline.worlds import START, pairs, values_of, world
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +41,7 @@ def test_every_state_follows_from_the_rows(seed):
         data = timeline_data(kb, expectations=10**6)
         for t, tx in pairs(kb, data, 60, seed):
             number = data["latest"] + 1 if tx is None else tx.number
-            assert read(data, number, t - int(data["origin"])) == said(kb.state(t, as_of=tx)), (t, number)
+            assert read(data, number, t - int(data["origin"])) == values_of(kb.state(t, as_of=tx)), (t, number)
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -54,7 +54,7 @@ def test_the_states_of_a_span_follow_from_its_rows(seed):
         assert (int(data["origin"]), data["base"]) == (since, max(c.number for c in changes if c.time <= since))
         for t, tx in pairs(kb, data, 60, seed):
             number = data["latest"] + 1 if tx is None else tx.number
-            assert read(data, number, t - since) == said(kb.state(t, as_of=tx)), (t, number)
+            assert read(data, number, t - since) == values_of(kb.state(t, as_of=tx)), (t, number)
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -69,7 +69,7 @@ def test_an_archived_beginning_is_not_shown(seed, tmp_path):
             assert int(data["origin"]) == before
         for t, tx in pairs(kb, data, 60, seed):
             number = data["latest"] + 1 if tx is None else tx.number
-            assert read(data, number, t - before) == said(kb.state(t, as_of=tx)), (t, number)
+            assert read(data, number, t - before) == values_of(kb.state(t, as_of=tx)), (t, number)
         # the transactions of what is shown are known, also where they were before
         known = {tx[0] for tx in data["transactions"]}
         assert {row[3] for row in data["rows"]} <= known
@@ -162,7 +162,7 @@ def test_a_span_leaves_out_other_times(kenny):
     assert "robot_at kenny lab" in labels
     for tx in [change.transaction for change in kenny.changes(14)]:
         for t in range(since, until, seconds(7)):
-            assert read(data, tx.number, t - origin)[0] == said(kenny.state(t, as_of=tx))[0]
+            assert read(data, tx.number, t - origin)[0] == values_of(kenny.state(t, as_of=tx))[0]
 
 
 def test_the_span_ends_where_the_history_does():

@@ -119,6 +119,6 @@ def pairs(kb, data, count, seed):
         yield origin + max(0, t), chosen.choice([*transactions, None])
 
 
-def said(state):
+def values_of(state):
     """The facts and numbers of a state in the form of the page."""
     return sorted(map(str, state.facts)), sorted((str(item.atom), item.function_value) for item in state.functions)

@@ -7,7 +7,7 @@ JUNK = (
     *(None, True, False, -1, 0, 1, 2**31, 2**62, 2**63 - 1, 2**63, 10**30, 1.5, float("nan"), float("inf")),
     *("", "\0", "\ud800", "\x1b[2J", "a b", "(", "(and", "?x", [], {}, [1]),
 )
-"""Values of which few columns take any."""
+"""Values that few columns accept."""
 
 
 def sealed(lines):

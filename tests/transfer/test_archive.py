@@ -233,10 +233,10 @@ def test_runs_at_the_archived_time_itself_are_kept(open_kb, clock, archive_path)
     clock.set(at(11))
     second = kb.start("work", "r", "a", duration=seconds(30))
     clock.set(at(20))
-    said = kb.add("(lit)")
+    added = kb.add("(lit)")
     kb.end(second)
     kb.archive(at(20), archive_path)
-    assert kb.state(as_of=said).running == [second]
+    assert kb.state(as_of=added).running == [second]
     assert kb.state(at=at(20)).running == []
     with kbstore.open(archive_path, kb.name) as archive:
         assert archive.state().running == [second]

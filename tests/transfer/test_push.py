@@ -141,7 +141,7 @@ def test_one_transaction_is_never_divided(engines, monkeypatch):
 
 
 WHOLE = ("recorded[symbols]", "open_runs")
-"""What reads all that there is: a few shapes, and by an index that has nothing else what runs."""
+"""Statements that may read all rows: the few arities, and the runs, by an index of their own."""
 
 
 def test_a_push_reads_by_indexes(tmp_path):
@@ -331,9 +331,9 @@ def test_a_first_push_needs_no_import(pushed, name, tmp_path):
     source, target = pushed
     kbstore.export_knowledge_base(source, name, tmp_path / "kenny.jsonl")
     kbstore.import_knowledge_base(target, tmp_path / "kenny.jsonl", "imported")
-    said = r"imported, restored or adopted there.*: it is at transaction 2, .* at 2, with the same history so far"
+    message = r"imported, restored or adopted there.*: it is at transaction 2, .* at 2, with the same history so far"
     with kbstore.open(source, name) as kb:
-        with pytest.raises(Conflict, match=said):
+        with pytest.raises(Conflict, match=message):
             kbstore.push(kb, target, "imported")
         assert kbstore.push(kb, target, "another name").number == 2
 

@@ -250,7 +250,7 @@ CHANGES = {
     "a schedule for no row": ("schedules", {}, {"seq": 77}, "has no line in schedules"),
     "a fact that is derived": ("schedules", {}, {"is_derived": True}, "which only a function can be"),
     "a revision that is missing": ("revisions", {"what": 2}, None, "has no line in revisions"),
-    "a revision that says otherwise": ("revisions", {"what": 1}, {"what": 3}, "retires a row otherwise"),
+    "a revision that contradicts its row": ("revisions", {"what": 1}, {"what": 3}, "retires a row otherwise"),
     "a revision with another end": ("revisions", {"what": 2}, {"end_before": 10**15}, "where its row has the end"),
     "a rate that no run adds": ("functions", {"own_rate": 0.0}, {"rate": 0.5}, "moves at a rate that no run adds"),
     "a negative number": ("functions", {}, {"is_negative": True}, "is negative, which it cannot be"),
