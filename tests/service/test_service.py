@@ -183,6 +183,29 @@ def test_a_connection_that_writes_nothing_yet_is_refused_on_sqlite(tmp_path):
     engine.dispose()
 
 
+# -- events ---------------------------------------------------------------------------------------------------
+
+
+def test_events_of_constructs_and_transactions_are_the_services_own(kb, service):
+    """Cursor events show kbstore's statements on an engine that it uses already; the others only those of the service.
+
+    BEGIN, COMMIT and ROLLBACK of kbstore's transactions are not shown.
+    """
+    seen = {name: [] for name in ("before_cursor_execute", "before_execute", "begin", "commit")}
+    for name, found in seen.items():
+        sa.event.listen(service, name, lambda *arguments, found=found: found.append(arguments))
+    kb.add("(= (battery kenny) 70)")
+    assert kb.value("(battery kenny)") == 70
+    statements = [statement for _, _, statement, *_ in seen.pop("before_cursor_execute")]
+    assert any(statement.startswith("INSERT INTO functions") for statement in statements)
+    assert any(statement.startswith("SELECT") for statement in statements)
+    assert not [text for text in statements if text.startswith(("BEGIN", "COMMIT", "ROLLBACK"))]
+    assert seen == {"before_execute": [], "begin": [], "commit": []}
+    with service.begin() as connection:
+        connection.execute(sa.select(sql.facts.c.kb_id))
+    assert {name: len(found) for name, found in seen.items()} == {"before_execute": 1, "begin": 1, "commit": 1}
+
+
 # -- FastAPI --------------------------------------------------------------------------------------------------
 
 
