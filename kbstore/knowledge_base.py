@@ -58,7 +58,7 @@ from kbstore.reading.bindings import bindings
 from kbstore.reading.condition_watch import ConditionWatch, TruthChange
 from kbstore.reading.difference import difference
 from kbstore.reading.explanation import ExplainedPoint, Explainer
-from kbstore.reading.history import History
+from kbstore.reading.history import Baseline, History
 from kbstore.reading.lazy_state import LazyState
 from kbstore.reading.questions import Knowledge, Question
 from kbstore.reading.reader import Reader
@@ -682,6 +682,15 @@ class KnowledgeBase:
     def changes(self, after: int | Change | Transaction = 0) -> Iterator[Change]:
         """Iterate over the transactions after one, in the order of commit, each with all that it did (rule Q6)."""
         return self._history.changes(after if isinstance(after, int) else after.number)
+
+    def baseline(self, since: TimeLike | None = None, *, most: int | None = None) -> Baseline:
+        """Return what is on record at a time: with ``changes(baseline.number)``, the history from there on.
+
+        Args:
+            since: the time; None, or a time before the history in the store, is that history's begin.
+            most: without `since`, the time is that of the latest transaction with at least so many after it.
+        """
+        return self._history.baseline(None if since is None else time(since, self.now()), most)
 
     def watch(
         self,

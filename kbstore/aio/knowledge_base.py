@@ -170,6 +170,7 @@ class KnowledgeBase:
     timeline = reading(SyncKnowledgeBase.timeline)
     transactions = reading(SyncKnowledgeBase.transactions)
     frame = reading(SyncKnowledgeBase.frame)
+    baseline = reading(SyncKnowledgeBase.baseline)
     changes = iterating(SyncKnowledgeBase.changes)
     watch = _watching(SyncKnowledgeBase.watch)
     watch_condition = _watching(SyncKnowledgeBase.watch_condition)

@@ -107,12 +107,7 @@ class History:
         raise refusal
 
     def baseline(self, since: int | None, most: int | None = None) -> Baseline:
-        """Return what is on record at a time; together with `changes` from there on, it is the rest of the history.
-
-        Args:
-            since: the time, in nanoseconds; None, or a time before the history in the store, is that history's begin.
-            most: without `since`, the time is that of the latest transaction with at least so many after it.
-        """
+        """Return what is on record at a time, in nanoseconds; see `KnowledgeBase.baseline`."""
         with self._reader.repository() as repository:
             head = repository.head()
             first = max(since or 0, head.history_from)

@@ -457,3 +457,19 @@ def test_writes_are_there_after_reopening(open_kb, store_url, clock, tmp_path):
         assert picture(kb) == before
         assert kb.value("(battery kenny)") == 0.1
         assert name in kbstore.knowledge_bases(store_url)
+
+
+def test_a_baseline_and_the_changes_after_it_are_the_history(kb, clock):
+    """Q6: what is over by then is in neither."""
+    kb.add("(open hall)", "(open lab)")
+    clock.advance(seconds(10))
+    kb.remove("(open lab)")
+    clock.advance(seconds(10))
+    kb.add("(open den)")
+    base = kb.baseline(clock.now() - seconds(5))
+    assert (base.number, base.time) == (2, clock.now() - seconds(5))
+    assert [str(found.item) for found in base.assertions] == ["(open hall)"]
+    later = [found for change in kb.changes(base.number) for found in change.asserted]
+    assert [str(found.item) for found in later] == ["(open den)"]
+    assert kb.baseline().assertions == []
+    assert kb.baseline(most=1).number == 2

@@ -75,7 +75,7 @@ class _Collector:
         self._lanes = Lanes(patterns)
         self._now = kb.now()
         # assertions that were over for good by then are not shown
-        baseline = kb._history.baseline(since, most)
+        baseline = kb.baseline(since, most=most)
         self._base = baseline.number
         self._changes = list(kb.changes(self._base))
         self._asserted = [(found, found.recorded.number) for found in baseline.assertions]
