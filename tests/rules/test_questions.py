@@ -459,8 +459,9 @@ def test_writes_are_there_after_reopening(open_kb, store_url, clock, tmp_path):
         assert name in kbstore.knowledge_bases(store_url)
 
 
-def test_a_baseline_and_the_changes_after_it_are_the_history(kb, clock):
+def test_a_baseline_and_the_changes_after_it_are_the_history(open_kb, clock):
     """Q6: what is over by then is in neither."""
+    kb = open_kb()
     kb.add("(open hall)", "(open lab)")
     clock.advance(seconds(10))
     kb.remove("(open lab)")
