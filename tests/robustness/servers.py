@@ -11,6 +11,7 @@ import subprocess
 import tempfile
 import time
 import warnings
+from contextlib import suppress
 from pathlib import Path
 
 import psycopg
@@ -78,7 +79,9 @@ class Server:
         children = Path(f"/proc/{main}/task/{main}/children")
         pids = [main, *map(int, children.read_text().split())] if children.exists() else [main]
         for pid in pids:
-            os.kill(pid, signal.SIGKILL)
+            # a worker of it may have ended by itself
+            with suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGKILL)
 
     def remove(self):
         """Stop it, if it runs, and delete its folder."""
