@@ -61,6 +61,13 @@ def pytest_configure() -> None:
             os.environ["TMPDIR"] = tempfile.tempdir = _IN_MEMORY
 
 
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_auto_num_workers() -> int:
+    """Run three workers on two cores: a test that waits for a time-out or another process leaves its core to others."""
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return cores + cores // 2
+
+
 @pytest.hookimpl(wrapper=True)
 def pytest_collection() -> Generator[None, object, object]:
     """Leave the tests and what they import out of the collections of garbage, each of which would walk through it."""
