@@ -19,6 +19,7 @@ import sqlalchemy as sa
 
 import kbstore
 from kbstore.clock import ManualClock, seconds
+from kbstore.storage import schema
 
 BACKENDS = ("memory", "file", "postgresql")
 
@@ -191,6 +192,17 @@ def _fresh_database(server: sa.URL) -> Iterator[str]:
     yield server.set(drivername="postgresql+psycopg", database=name).render_as_string(hide_password=False)
     with psycopg.connect(admin, autocommit=True) as connection:
         connection.execute(f'DROP DATABASE "{name}" WITH (FORCE)')
+
+
+@contextmanager
+def fresh_schema(database: str, name: str) -> Iterator[str]:
+    """The URL of an empty schema in a PostgreSQL database, dropped afterwards."""
+    admin = sa.make_url(database).set(drivername="postgresql").render_as_string(hide_password=False)
+    with psycopg.connect(admin, autocommit=True) as connection:
+        connection.execute(f'CREATE SCHEMA "{name}"')
+    yield schema.in_schema(database, name).render_as_string(hide_password=False)
+    with psycopg.connect(admin, autocommit=True) as connection:
+        connection.execute(f'DROP SCHEMA "{name}" CASCADE')
 
 
 def create_database(connection: psycopg.Connection, name: str, template: str = "template1") -> None:

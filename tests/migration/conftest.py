@@ -5,7 +5,7 @@ import itertools
 import pytest
 import sqlalchemy as sa
 
-from kbstore.storage import schema
+from tests.conftest import fresh_schema
 
 _numbers = itertools.count(1)
 
@@ -19,14 +19,8 @@ def sqlite_file(tmp_path):
 @pytest.fixture
 def empty_schema(postgresql_url):
     """The URL of an empty schema on PostgreSQL."""
-    name = f"empty{next(_numbers)}"
-    engine = sa.create_engine(postgresql_url, isolation_level="AUTOCOMMIT")
-    with engine.connect() as connection:
-        connection.exec_driver_sql(f"CREATE SCHEMA {name}")
-    yield schema.in_schema(postgresql_url, name).render_as_string(hide_password=False)
-    with engine.connect() as connection:
-        connection.exec_driver_sql(f"DROP SCHEMA {name} CASCADE")
-    engine.dispose()
+    with fresh_schema(postgresql_url, f"empty{next(_numbers)}") as url:
+        yield url
 
 
 @pytest.fixture(params=["sqlite", "postgresql"])

@@ -7,6 +7,7 @@ from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
 
 from kbstore.storage import schema, tables
+from tests.conftest import fresh_schema
 
 
 def statements(engine):
@@ -54,15 +55,12 @@ def test_migrations_make_the_tables_of_the_metadata_on_postgresql(postgresql_url
     """PostgreSQL's catalogue is the same for the migrated schema as for the declared one."""
     schema.upgrade(empty_schema)
     migrated = sa.create_engine(empty_schema)
-    declared = sa.create_engine(schema.in_schema(postgresql_url, "declared"))
-    with declared.begin() as connection:
-        connection.exec_driver_sql("CREATE SCHEMA declared")
-        tables.metadata.create_all(connection)
-    assert catalogue(migrated) == catalogue(declared)
-    with declared.begin() as connection:
-        connection.exec_driver_sql("DROP SCHEMA declared CASCADE")
+    with fresh_schema(postgresql_url, "declared") as url:
+        declared = sa.create_engine(url)
+        tables.metadata.create_all(declared)
+        assert catalogue(migrated) == catalogue(declared)
+        declared.dispose()
     migrated.dispose()
-    declared.dispose()
 
 
 def test_alembic_finds_nothing_to_change(engine):

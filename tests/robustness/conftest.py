@@ -3,9 +3,8 @@
 import itertools
 
 import pytest
-import sqlalchemy as sa
 
-from kbstore.storage import schema
+from tests.conftest import fresh_schema
 
 _names = itertools.count(1)
 
@@ -36,11 +35,5 @@ def untouched_url(request, tmp_path):
     if request.param == "file":
         yield f"sqlite:///{tmp_path / 'untouched.db'}"
         return
-    url, own = request.getfixturevalue("postgresql_url"), f"untouched{next(_names)}"
-    engine = sa.create_engine(url, isolation_level="AUTOCOMMIT")
-    with engine.connect() as connection:
-        connection.exec_driver_sql(f"CREATE SCHEMA {own}")
-    yield schema.in_schema(url, own).render_as_string(hide_password=False)
-    with engine.connect() as connection:
-        connection.exec_driver_sql(f"DROP SCHEMA {own} CASCADE")
-    engine.dispose()
+    with fresh_schema(request.getfixturevalue("postgresql_url"), f"untouched{next(_names)}") as url:
+        yield url

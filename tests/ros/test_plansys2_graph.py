@@ -5,7 +5,6 @@ The messages are generated and compiled from the definitions in this directory (
 
 import itertools
 import os
-import statistics
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
@@ -29,6 +28,7 @@ from kbstore.clock import ManualClock, seconds
 from kbstore.ros.plansys2_domain import DomainExpert
 from kbstore.ros.plansys2_problem import ProblemExpert
 from kbstore.ros.recorder_node import MessageRecorder
+from tests.ros.call_costs import medians, show
 from tests.ros.plansys2_calls import text
 from tests.ros.plansys2_doubles import DOMAIN
 from tests.ros.ros2_graph import (
@@ -400,17 +400,6 @@ def test_the_planner_may_validate_the_domain(tester, place, experts):
 
 def test_the_cost_of_a_call(tester, calls, place, capsys, experts):
     """Printed, not judged: a call beside the same question in Python and an empty service call."""
-
-    def cost(*acts, number=200):
-        """The median of each in milliseconds, in turns."""
-        times = [[] for _ in acts]
-        for _ in range(number):
-            for act, found in zip(acts, times, strict=True):
-                begin = time.perf_counter()
-                act()
-                found.append(time.perf_counter() - begin)
-        return [statistics.median(found) * 1000 for found in times]
-
     arguments = parameters(place, problem_file=place / "problem.pddl")
     with experts(*arguments), empty_service("ExistNode", "nothing"), opened(place) as kb:
         calls.start()
@@ -421,7 +410,7 @@ def test_the_cost_of_a_call(tester, calls, place, capsys, experts):
             tester.call(srv.ExistNode, "nothing", node=at("a"))
 
         found = {
-            name: cost(call, python, nothing)
+            name: medians(call, python, nothing, number=200)
             for name, call, python in (
                 (
                     "exist_problem_predicate",
@@ -450,12 +439,7 @@ def test_the_cost_of_a_call(tester, calls, place, capsys, experts):
             )
         }
     with capsys.disabled():
-        print()
-        for name, (call, python, empty) in found.items():
-            print(
-                f"{name}: {call:.2f} ms; in Python {python:.2f} ms, and an empty call {empty:.2f} ms: "
-                f"{call / (python + empty):.2f} times"
-            )
+        show(found)
 
 
 # -- the recorder ---------------------------------------------------------------------------------------------

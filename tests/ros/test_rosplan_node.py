@@ -5,7 +5,6 @@ The messages are made by genpy from the definitions in this directory.
 
 import os
 import socket
-import statistics
 import subprocess
 import sys
 import threading
@@ -19,6 +18,7 @@ import pytest
 import kbstore
 from kbstore import seconds
 from kbstore.ros.rosplan import SERVICES
+from tests.ros.call_costs import medians, show
 from tests.ros.rosplan_items import Items, values
 
 rospy = pytest.importorskip("rospy", reason="ROS 1 is not here: make test-ros1 brings it, as root on Debian")
@@ -400,16 +400,6 @@ def test_the_cost_of_a_call(graph, files, tmp_path, capsys):
     """
     from std_srvs.srv import Empty
 
-    def cost(*acts, number=100):
-        """The median of each in milliseconds, in turns."""
-        times = [[] for _ in acts]
-        for _ in range(number):
-            for act, found in zip(acts, times, strict=True):
-                begin = time.perf_counter()
-                act()
-                found.append(time.perf_counter() - begin)
-        return [statistics.median(found) * 1000 for found in times]
-
     store = tmp_path / "robot.db"
     at_hall = kbstore.item("(at kenny hall)")
     with serving(store, *files, node=other.node), empty_service(), kbstore.open(store, "kenny") as kb:
@@ -420,7 +410,7 @@ def test_the_cost_of_a_call(graph, files, tmp_path, capsys):
         )
         fact, many = ITEMS.fact("at", AT_HALL), propositions(predicate_name="busy")
         found = {
-            name: cost(call, python, nothing)
+            name: medians(call, python, nothing, number=100)
             for name, call, python in (
                 ("domain/predicates", predicates, lambda: kb.domain.predicates),
                 ("query_state", lambda: query(knowledge=[fact]), lambda: kb.query(at_hall)),
@@ -438,15 +428,10 @@ def test_the_cost_of_a_call(graph, files, tmp_path, capsys):
             many.serialize(buffer)
             type(many)().deserialize(buffer.getvalue())
 
-        (genpy,) = cost(through_genpy)
+        (genpy,) = medians(through_genpy, number=100)
     assert len(many.attributes) == 100
     with capsys.disabled():
-        print()
-        for name, (call_, python, empty) in found.items():
-            print(
-                f"{name}: {call_:.2f} ms; in Python {python:.2f} ms, and an empty call {empty:.2f} ms: "
-                f"{call_ / (python + empty):.2f} times"
-            )
+        show(found)
         print(f"genpy takes {genpy:.2f} ms to write and read the 100 facts")
 
 

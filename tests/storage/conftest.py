@@ -3,10 +3,10 @@
 from contextlib import contextmanager
 
 import pytest
-import sqlalchemy as sa
 
 from kbstore.storage import schema
 from kbstore.storage.engine import make_engine
+from tests.conftest import fresh_schema
 from tests.storage import stores
 
 ROWS = dict.fromkeys(("functions", "instances", "expressions", "inequalities"), 2000) | {"facts": 8000}
@@ -47,12 +47,7 @@ def young_postgresql(postgresql_url):
 @contextmanager
 def _schema(url, name):
     """An engine on a store in a schema of its own in a PostgreSQL database, inside the block."""
-    admin = sa.create_engine(url, isolation_level="AUTOCOMMIT")
-    with admin.connect() as connection:
-        connection.exec_driver_sql(f"CREATE SCHEMA {name}")
-    engine = make_engine(schema.in_schema(url, name))
-    schema.ensure(engine, read_only=False)
-    yield engine
-    with admin.connect() as connection:
-        connection.exec_driver_sql(f"DROP SCHEMA {name} CASCADE")
-    admin.dispose()
+    with fresh_schema(url, name) as place:
+        engine = make_engine(place)
+        schema.ensure(engine, read_only=False)
+        yield engine

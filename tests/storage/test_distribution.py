@@ -18,6 +18,7 @@ from kbstore.storage.assertion_queries import for_kind
 from kbstore.storage.statements import BulkStatement, Statement
 from kbstore.transfer import delta_queries
 from kbstore.transfer import queries as transfer
+from tests.conftest import fresh_schema
 from tests.storage.test_plans import ARRAYS, KEYS, VALUES
 
 PARTITIONS = 4
@@ -117,10 +118,19 @@ def test_an_access_without_the_knowledge_base_is_found():
     assert accesses(forgetful.where(facts.c.kb_id == sa.bindparam("kb"))) == {timelines}
 
 
+@contextmanager
+def connected(url):
+    """A connection that commits each statement, of an engine of its own."""
+    engine = sa.create_engine(url, isolation_level="AUTOCOMMIT")
+    with engine.connect() as connection:
+        yield connection
+    engine.dispose()
+
+
 @pytest.fixture(scope="module")
 def partitioned(postgresql_url):
     """A connection of the driver to a schema in which each table has four partitions."""
-    with _schema(postgresql_url, "distributed") as connection:
+    with fresh_schema(postgresql_url, "distributed") as url, connected(url) as connection:
         metadata = sa.MetaData()
         for table in tables.metadata.sorted_tables:
             copy = table.to_metadata(metadata)
@@ -134,17 +144,6 @@ def partitioned(postgresql_url):
                     f" FOR VALUES WITH (MODULUS {PARTITIONS}, REMAINDER {remainder})"
                 )
         yield connection.connection.driver_connection
-
-
-@contextmanager
-def _schema(url, name):
-    engine = sa.create_engine(url, isolation_level="AUTOCOMMIT")
-    with engine.connect() as connection:
-        connection.exec_driver_sql(f"CREATE SCHEMA {name}")
-        connection.exec_driver_sql(f"SET search_path TO {name}")
-        yield connection
-        connection.exec_driver_sql(f"DROP SCHEMA {name} CASCADE")
-    engine.dispose()
 
 
 def touched(driver, text, parameters=()):
