@@ -81,7 +81,7 @@ def soak(path: Path, seconds: float, changes: int = CHANGES) -> Soak:
     processes = multiprocessing.get_context("spawn")
     start = processes.Barrier(4)
     until = time.monotonic() + seconds + _PATIENCE
-    work = {"write": changes / _TOGETHER, "poll a state": _POLLS, "poll a fact": _POLLS, "watch": 0.0}
+    work = {"write": changes / _TOGETHER, "poll a state": _POLLS, "poll a fact": _POLLS, "watch": changes / _TOGETHER}
     running = [
         processes.Process(target=_run, args=(name, path, rate, seconds, first, start)) for name, rate in work.items()
     ]
@@ -136,14 +136,16 @@ def _paced(kb: kbstore.KnowledgeBase, name: str, rate: float, seconds: float, _:
     return latencies, early
 
 
-def _watch(kb: kbstore.KnowledgeBase, _: str, __: float, seconds: float, first: int) -> tuple[list[float], float]:
-    """How long after its time a transaction is delivered, until none has come for some seconds."""
+def _watch(kb: kbstore.KnowledgeBase, _: str, rate: float, seconds: float, first: int) -> tuple[list[float], float]:
+    """How long after its time a transaction is delivered, until the last, or until none has come for some seconds."""
     latencies: list[float] = []
     began, early = time.monotonic(), 0.0
     for change in kb.watch(after=first, timeout=_QUIET):
         latencies.append(max(0.0, (time.time_ns() - change.time) / 1e9))
         if not early and time.monotonic() - began > seconds / 5:
             early = _memory()
+        if change.number == first + round(seconds * rate):
+            break
     return latencies, early
 
 
