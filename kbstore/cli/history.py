@@ -68,7 +68,7 @@ def when(
         last = at_time(until, found)
         last = found.now() if last is None else last
         spans = found.when(condition, _beginning(since, found), last, belief(as_of, found))
-        answer(spans.to_dicts(), as_json=as_json, view=lambda: records.intervals_table(spans, TimeFormat(found.now())))
+        answer(spans.to_dict(), as_json=as_json, view=lambda: records.intervals_table(spans, TimeFormat(found.now())))
 
 
 def diff(

@@ -1,9 +1,10 @@
 """Lists of half-open intervals of time, and what follows from them."""
 
 from collections.abc import Iterable
+from typing import Any
 
 from kbstore.evaluation.interpretation import Span
-from kbstore.model.plain import Data, times
+from kbstore.model.plain import Data, list_schema, times
 
 
 class Intervals(list[Span]):
@@ -32,9 +33,13 @@ class Intervals(list[Span]):
         """The total time for which it is true, in nanoseconds."""
         return sum(end - start for start, end in self)
 
-    def to_dicts(self) -> list[Data]:
+    def to_dict(self) -> list[Data]:
         """Return the intervals as plain data, each with its ends as ISO 8601 text and in nanoseconds."""
         return [times(start=start, end=end) for start, end in self]
+
+    @classmethod
+    def __get_pydantic_core_schema__(cls, _source: object, handler: Any) -> Any:
+        return list_schema(cls, Span, handler)
 
     def always(self, span: Span) -> bool:
         """Return whether it is true throughout a span; an empty span lies within anything."""

@@ -1,12 +1,13 @@
 """Lists of assertions, and the timelines that notebooks show of them."""
 
 from collections.abc import Sequence
+from typing import Any
 
 from kbstore.clock import isoformat
 from kbstore.messages.enums import KnowledgeType
 from kbstore.model.html import table
 from kbstore.model.pictures import Bar, Lane, Look, timeline
-from kbstore.model.plain import Data, each
+from kbstore.model.plain import Data, each, list_schema
 from kbstore.model.results import Assertion
 from kbstore.model.timelines import moved
 
@@ -17,9 +18,13 @@ MOST_BARS = 500
 class Assertions(list[Assertion]):
     """A list of assertions, which a notebook shows as a small timeline and a table."""
 
-    def to_dicts(self) -> list[Data]:
+    def to_dict(self) -> list[Data]:
         """Return the assertions as plain data, one dict for each."""
         return each(self)
+
+    @classmethod
+    def __get_pydantic_core_schema__(cls, _source: object, handler: Any) -> Any:
+        return list_schema(cls, Assertion, handler)
 
     def __repr__(self) -> str:
         return "[" + ",\n ".join(map(repr, self)) + "]"

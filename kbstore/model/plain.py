@@ -60,3 +60,10 @@ def times(**named: int | None) -> Data:
         found[name] = None if t is None else isoformat(t)
         found[f"{name.removesuffix('_time')}_ns"] = t
     return found
+
+
+def list_schema(kind: type[list[Any]], part: Any, handler: Any) -> Any:
+    """Return how Pydantic reads and writes a list that is a class of its own: as a list of its parts."""
+    from pydantic_core import core_schema
+
+    return core_schema.no_info_after_validator_function(kind, handler.generate_schema(list[part]))

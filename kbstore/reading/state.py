@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING, Literal, TypeVar, cast, overload
+from typing import TYPE_CHECKING, Any, Literal, TypeVar, cast, overload
 
 from kbstore.clock import isoformat
 from kbstore.conversion import MessageDomain
@@ -35,7 +35,7 @@ from kbstore.reading.bindings import bindings
 from kbstore.reading.item_factory import ItemFactory
 from kbstore.reading.prepared import PreparedQuestions
 from kbstore.reading.questions import Question, as_item
-from kbstore.reading.state_data import StateData
+from kbstore.reading.state_data import PARTS, StateData, state_schema
 from kbstore.storage.caches import LRU, STATE_ANSWERS
 from kbstore.storage.records import LogPosition
 
@@ -286,6 +286,26 @@ class State(Result):
             **{part: plain(getattr(self, part)) for part in parts},
             "constraints": list(self.constraints),
         }
+
+    def keys(self) -> Iterable[str]:
+        """Return the names of the parts that a web framework answers with, which ``dict(state)`` has."""
+        return PARTS.keys()
+
+    def __getitem__(self, part: str) -> Any:
+        if part not in PARTS:
+            raise KeyError(part)
+        return getattr(self, part)
+
+    # without it, iterating would ask for the parts 0, 1, 2
+    __iter__ = None
+
+    @classmethod
+    def __get_pydantic_core_schema__(cls, _source: object, handler: Any) -> Any:
+        return state_schema(cls, handler)
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, schema: Any, handler: Any) -> Any:
+        return {**handler(schema["serialization"]["return_schema"]), "title": cls.__name__}
 
     def __repr__(self) -> str:
         belief = "" if self.as_of is None else f" as of {isoformat(self.as_of)}"

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 from fastapi import FastAPI
 from fastapi.testclient import TestClient
-from pydantic import TypeAdapter
+from pydantic import TypeAdapter, ValidationError
 
 import kbstore
 from kbstore import KnowledgeItem, ManualClock, UpdateType, seconds
@@ -172,8 +172,8 @@ def test_times_come_as_text_and_as_nanoseconds(story):
     )
     assert (run["started"], run["started_ns"]) == ("2026-05-04T12:00:01Z", NOON + seconds(1))
     assert (run["expected_end"], run["expected_end_ns"]) == ("2026-05-04T12:00:31Z", NOON + seconds(31))
-    assert story.when("(lit lab)", "-1m", "now").to_dicts() == []
-    assert story.when("(lit lab)", "now", "+1s").to_dicts() == [
+    assert story.when("(lit lab)", "-1m", "now").to_dict() == []
+    assert story.when("(lit lab)", "now", "+1s").to_dict() == [
         {
             "start": "2026-05-04T12:00:01Z",
             "start_ns": NOON + seconds(1),
@@ -181,7 +181,7 @@ def test_times_come_as_text_and_as_nanoseconds(story):
             "end_ns": NOON + seconds(2),
         }
     ]
-    (found,) = story.history("(robot_at kenny hall)").to_dicts()
+    (found,) = story.history("(robot_at kenny hall)").to_dict()
     assert (found["pddl"], found["initial_ns"], found["end_ns"]) == (
         "(robot_at kenny hall)",
         NOON,
@@ -199,6 +199,53 @@ def test_results_are_response_models(story):
         adapter = TypeAdapter(type(found))
         assert adapter.validate_json(adapter.dump_json(found)) == found
         assert "title" in str(adapter.json_schema())
+
+
+def test_lists_of_results_are_response_models(story):
+    """Histories and intervals are written as lists of their parts, and read back as what they were."""
+    for found in (story.history("(lit ?)"), story.when("(lit lab)", "now", "+1s")):
+        assert found
+        adapter = TypeAdapter(type(found))
+        again = adapter.validate_json(adapter.dump_json(found))
+        assert (type(again), again) == (type(found), found)
+        assert adapter.json_schema()["type"] == "array"
+
+
+def test_a_state_is_a_response_model(story):
+    """A state is written as its parts, which the schema names; Pydantic takes nothing else for one."""
+    state = story.state()
+    adapter = TypeAdapter(kbstore.State)
+    written = adapter.dump_python(state, mode="json")
+    for part, type_ in (
+        ("facts", list[kbstore.Fact]),
+        ("functions", list[kbstore.Function]),
+        ("instances", list[kbstore.Instance]),
+        ("goals", list[kbstore.Fact]),
+        ("metric", kbstore.Expression),
+        ("timed_knowledge", list[KnowledgeItem]),
+        ("running", list[kbstore.Run]),
+    ):
+        found = TypeAdapter(type_).validate_python(written[part])
+        assert found
+        assert found == getattr(state, part)
+    assert (written["name"], written["at"], written["as_of"]) == ("kenny", NOON + seconds(1), None)
+    assert adapter.validate_python(state) is state
+    for schema in (adapter.json_schema(), adapter.json_schema(mode="serialization")):
+        assert (schema["title"], schema["type"]) == ("State", "object")
+        assert schema["properties"].keys() == written.keys()
+    with pytest.raises(ValidationError, match="instance of State"):
+        adapter.validate_python(written)
+
+
+def test_a_state_has_parts_but_is_not_iterated(story):
+    """`dict(state)` has the parts; a state is no list of facts, and an unknown part is a KeyError."""
+    state = story.state()
+    assert dict(state)["facts"] == state.facts
+    for wrong in (iter, list, lambda state: "(lit lab)" in state):
+        with pytest.raises(TypeError, match="State"):
+            wrong(state)
+    with pytest.raises(KeyError, match="fact"):
+        state["fact"]
 
 
 @pytest.fixture

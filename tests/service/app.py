@@ -17,12 +17,28 @@ def make_app(kb):
     def facts(name: str = ""):
         return kb.propositions(name)
 
-    @app.get("/history", response_model=list[kbstore.Assertion])
+    @app.get("/history", response_model=kbstore.Assertions)
     def history(pattern: str):
         return kb.history(pattern)
 
-    @app.get("/state")
+    @app.get("/state", response_model=kbstore.State)
     def state():
-        return kb.state().to_dict()
+        return kb.state()
+
+    @app.get("/annotated-state")
+    def annotated_state() -> kbstore.State:
+        return kb.state()
+
+    @app.get("/bare-state")
+    def bare_state():
+        return kb.state()
+
+    @app.get("/bare-history")
+    def bare_history(pattern: str):
+        return kb.history(pattern)
+
+    @app.get("/plain")
+    def plain(pattern: str):
+        return {"state": kb.state().to_dict(), "history": kb.history(pattern).to_dict()}
 
     return app

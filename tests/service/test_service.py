@@ -245,13 +245,45 @@ def test_one_wrong_field_is_one_error_at_its_place(client):
     assert error["loc"][-1] == "attribute_name"
 
 
-def test_history_and_state_are_responses(client):
-    """Assertions by their type, and a state as plain data."""
-    (assertion,) = client.get("/history", params={"pattern": "(parcel_at p1 ?)"}).json()
+def test_a_history_is_a_response(client):
+    """Assertions by their type and without one are the same list."""
+    (assertion,) = found = client.get("/history", params={"pattern": "(parcel_at p1 ?)"}).json()
     assert assertion["item"]["attribute_name"] == "parcel_at"
     assert assertion["initial_time"] == seconds(1000)
     assert assertion["end_time"] is None
-    assert client.get("/state").json()["at"] is not None
+    assert client.get("/bare-history", params={"pattern": "(parcel_at p1 ?)"}).json() == found
+
+
+def test_a_state_is_a_response(client):
+    """A state named as response model, as annotation, and by nothing is the same object of items."""
+    state = client.get("/state").json()
+    assert (state["name"], state["at"], state["as_of"]) == ("post", seconds(1000), None)
+    assert [fact["attribute_name"] for fact in state["facts"]] == ["parcel_at", "parcel_at", "robot_at"]
+    (battery,) = state["functions"]
+    assert (battery["attribute_name"], battery["function_value"]) == ("battery", 80)
+    assert client.get("/annotated-state").json() == state
+    assert client.get("/bare-state").json() == state
+
+
+def test_plain_data_is_a_response(client):
+    """`to_dict` of a state and of a history give items with their PDDL, and times as text."""
+    answer = client.get("/plain", params={"pattern": "(parcel_at p1 ?)"}).json()
+    assert (answer["state"]["at"], answer["state"]["at_ns"]) == ("1970-01-01T00:16:40Z", seconds(1000))
+    assert [assertion["pddl"] for assertion in answer["history"]] == ["(parcel_at p1 hall)"]
+
+
+def test_openapi_describes_states_and_histories(client):
+    """The interface's description has the parts of a state, and the fields of an assertion."""
+    api = client.get("/openapi.json").json()
+
+    def schema(path):
+        return api["paths"][path]["get"]["responses"]["200"]["content"]["application/json"]["schema"]
+
+    facts = schema("/state")["properties"]["facts"]
+    assert (facts["type"], facts["items"]["$ref"]) == ("array", "#/components/schemas/Fact")
+    assert "initial_time" in api["components"]["schemas"]["Fact"]["properties"]
+    history = schema("/history")
+    assert (history["type"], history["items"]["$ref"]) == ("array", "#/components/schemas/Assertion")
 
 
 def test_openapi_names_the_discriminator(client):
