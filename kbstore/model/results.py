@@ -111,6 +111,10 @@ class Change(Result):
         return {"number": self.number, **times(time=self.time), "by_clock": self.by_clock, **Result.to_dict(self)}
 
 
+_PARTS = ("became_true", "became_false", "withdrawn", "goals_added", "goals_removed")
+"""The parts of a difference that are lists of items."""
+
+
 @dataclass(frozen=True, slots=True)
 class Diff(Result):
     """The difference between two times (rule Q5)."""
@@ -124,17 +128,7 @@ class Diff(Result):
     metric: tuple[Expression | None, Expression | None] | None = None
 
     def __bool__(self) -> bool:
-        return any(
-            (
-                self.became_true,
-                self.became_false,
-                self.withdrawn,
-                self.numbers,
-                self.goals_added,
-                self.goals_removed,
-                self.metric,
-            )
-        )
+        return any(getattr(self, part) for part in (*_PARTS, "numbers", "metric"))
 
     def __str__(self) -> str:
         return "\n".join(self._lines()) or "no difference"
@@ -148,10 +142,7 @@ class Diff(Result):
         return f"Diff({', '.join([*parts, *(['metric'] if self.metric else [])]) or 'no difference'})"
 
     def _repr_html_(self) -> str:
-        items = [
-            (name.replace("_", " "), [(item,) for item in getattr(self, name)])
-            for name in ("became_true", "became_false", "withdrawn", "goals_added", "goals_removed")
-        ]
+        items = [(name.replace("_", " "), [(item,) for item in getattr(self, name)]) for name in _PARTS]
         numbers = [(f"{item.atom} {_number(before)} -> {_number(after)}",) for item, before, after in self.numbers]
         metric = [(f"{self.metric[0] or 'none'} -> {self.metric[1] or 'none'}",)] if self.metric else []
         return self._picture() + table(
@@ -178,14 +169,8 @@ class Diff(Result):
         return {**Result.to_dict(self), "numbers": numbers}
 
     def _lines(self) -> Iterator[str]:
-        for sign, items in (
-            ("+", self.became_true),
-            ("!", self.became_false),
-            ("-", self.withdrawn),
-            ("+ goal", self.goals_added),
-            ("- goal", self.goals_removed),
-        ):
-            yield from (f"{sign} {item}" for item in items)
+        for sign, part in zip(("+", "!", "-", "+ goal", "- goal"), _PARTS, strict=True):
+            yield from (f"{sign} {item}" for item in getattr(self, part))
         for function, before, after in self.numbers:
             yield f"~ {function.atom} {_number(before)} -> {_number(after)}"
         if self.metric:

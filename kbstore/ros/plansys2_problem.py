@@ -237,8 +237,8 @@ class ProblemExpert(Expert):
         message = self._messages.Knowledge()
         constants = () if state.domain is None else state.domain.constants
         message.instances = [*(item.instance_name for item in state.instances), *constants]
-        message.predicates = [_text(atom.name, atom.arguments) for atom in _true_atoms(state)]
-        message.functions = [_text(item.attribute_name, item.arguments) for item in state.functions]
+        message.predicates = [bracketed(key(atom.name), *atom.arguments) for atom in _true_atoms(state)]
+        message.functions = [bracketed(key(item.attribute_name), *item.arguments) for item in state.functions]
         message.goal = f"(and {' '.join(map(str, state.goals))})" if state.goals else ""
         return message
 
@@ -293,7 +293,3 @@ def _true_atoms(state: State) -> list[Atom]:
         for bindings in state.find(Atom(head.name, tuple(f"?{name}" for name in variables))):
             found.append(Atom(head.name, tuple(bindings[name] for name in variables)))
     return found
-
-
-def _text(name: str, arguments: tuple[str, ...]) -> str:
-    return bracketed(key(name), *arguments)
