@@ -8,11 +8,13 @@ import typer
 from kbstore.cli import completion
 from kbstore.cli.options import Arguments, AsOf, At, Condition, Json, Kb, Now, Operator, Url, at_time, belief, reading
 from kbstore.cli.output import answer
-from kbstore.cli.times import parse_duration
+from kbstore.cli.times import parse_duration, parse_time
 from kbstore.clock import SECOND, isoformat
 from kbstore.errors import InvalidKnowledge
+from kbstore.knowledge_base import KnowledgeBase
 from kbstore.messages import Truth, format_number
-from kbstore.model.plain import times
+from kbstore.model.plain import Data, times
+from kbstore.model.results import Transaction
 from kbstore.names import bracketed
 from kbstore.report import records, states
 from kbstore.report.selection import Part, select
@@ -82,6 +84,15 @@ def _patterns(given: list[str] | None) -> list[str]:
     return given or []
 
 
+def _asked(at: str | None, as_of: str | None, kb: KnowledgeBase) -> tuple[int, int | Transaction | None, Data]:
+    """Return the time and the belief to ask about, and both as they are shown: no state need be read for that."""
+    now = kb.now()
+    t = now if at is None else parse_time(at, now)
+    believed = belief(as_of, kb)
+    last = believed.time if isinstance(believed, Transaction) else believed
+    return t, believed, times(at=t, as_of=None if last is None else min(last, now))
+
+
 def holds(
     condition: Condition,
     at: At = None,
@@ -101,9 +112,9 @@ def holds(
         kbstore holds "(exists (?w - waypoint) (robot_at kenny ?w))"
     """
     with reading(url, kb, now) as found:
-        asking = found.state(at_time(at, found), belief(as_of, found))
-        truth = asking.truth(condition)
-        report = {"condition": condition, "truth": str(truth), **times(at=asking.at, as_of=asking.as_of)}
+        t, believed, shown = _asked(at, as_of, found)
+        truth = found.truth(condition, t, believed)
+        report = {"condition": condition, "truth": str(truth), **shown}
         answer(report, as_json=as_json, view=lambda: str(truth))
     raise typer.Exit(EXIT_CODES[truth])
 
@@ -182,9 +193,9 @@ def value(
         kbstore value "(- 100 (battery kenny))" --at -1h
     """
     with reading(url, kb, now) as found:
-        asking = found.state(at_time(at, found), belief(as_of, found))
-        number = asking.value(expression)
-        report = {"expression": expression, "value": number, **times(at=asking.at, as_of=asking.as_of)}
+        t, believed, shown = _asked(at, as_of, found)
+        number = found.value(expression, t, believed)
+        report = {"expression": expression, "value": number, **shown}
         answer(report, as_json=as_json, view=lambda: format_number(number))
 
 

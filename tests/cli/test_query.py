@@ -3,6 +3,7 @@
 import pytest
 
 from kbstore.cli.demo.mission import moment
+from kbstore.knowledge_base import KnowledgeBase
 
 ALARM = "2026-05-04T09:02:00Z"
 BEFORE = "2026-05-04T09:00:45Z"
@@ -30,6 +31,24 @@ def test_value_is_a_number_alone(run):
     assert run("value", "(battery kenny)", "--at", ALARM).out == "35.5\n"
     assert run("value", "(- 100 (battery kenny))", "--at", ALARM).out == "64.5\n"
     assert run("value", "(battery kenny)", "--at", ALARM, "--as-of", BEFORE, "--json").json["value"] == 31.0
+
+
+@pytest.mark.parametrize("as_of", [None, BEFORE, "tx12", "2099-01-01T00:00:00Z"])
+def test_a_question_reads_no_state(run, monkeypatch, as_of):
+    """What is asked, and shown to have been asked, is the same as of the state, which may be large, at that time."""
+    belief = () if as_of is None else ("--as-of", as_of)
+    about = ("--at", ALARM, *belief, "--now", "last", "--json")
+    state = run("state", "(battery kenny)", *about).json
+    (battery,) = state["functions"]
+
+    def refused(*_):
+        raise AssertionError("the state was read")
+
+    monkeypatch.setattr(KnowledgeBase, "state", refused)
+    value, truth = run("value", "(battery kenny)", *about).json, run("holds", "(> (battery kenny) 0)", *about).json
+    assert (value["value"], truth["truth"]) == (battery["item"]["function_value"], "true")
+    for shown in (value, truth):
+        assert all(shown[name] == state[name] for name in ("at", "at_ns", "as_of", "as_of_ns"))
 
 
 def test_state_shows_everything_that_holds(run):
