@@ -14,6 +14,13 @@ from benchmarks.settings import Settings
 from kbstore import ManualClock
 
 _LIBRARIES = "import sqlalchemy, pydantic"
+_QUESTION = """
+import sqlalchemy
+from pydantic import BaseModel
+heads = sqlalchemy.table("heads", sqlalchemy.column("kb_id"), sqlalchemy.column("last_time"))
+with sqlalchemy.create_engine("sqlite:///{store}").connect() as connection:
+    print(connection.execute(sqlalchemy.select(heads.c.last_time).where(heads.c.kb_id > 0)).scalar_one())
+"""
 _COMMAND = "import sys; from kbstore.cli import main; sys.argv[0] = 'kbstore'; main()"
 _BAR = 0.25
 """Seconds."""
@@ -27,6 +34,7 @@ def measure(settings: Settings) -> Iterator[Result]:
     completing = {"_KBSTORE_COMPLETE": "complete_bash", "COMP_WORDS": "kbstore sta", "COMP_CWORD": "1"}
     ways: dict[str, tuple[list[str], Mapping[str, str]]] = {
         "libraries": ([_LIBRARIES], {}),
+        "question": ([_QUESTION.format(store=store)], {}),
         "kbstore": (["import kbstore"], {}),
         "open": ([f"import kbstore; kbstore.open({str(store)!r}, 'bench').close()"], {}),
         "version": ([_COMMAND, "--version"], {}),
@@ -41,7 +49,10 @@ def measure(settings: Settings) -> Iterator[Result]:
     found = {name: median(lasting) for name, lasting in durations.items()}
     yield Result("import kbstore", _LIBRARIES, found["kbstore"], found["libraries"], 1.3)
     yield Result("import kbstore, and open a store", _LIBRARIES, found["open"], found["libraries"])
+    beside = f"{_LIBRARIES}, and one select"
+    yield Result("import kbstore, and open a store (a select)", beside, found["open"], found["question"])
     yield Result("kbstore holds", _LIBRARIES, found["holds"], found["libraries"], 1.3)
+    yield Result("kbstore holds (a select)", beside, found["holds"], found["question"], 1.3)
     for name, what in (("version", "--version"), ("help", "--help"), ("completion", "completion of a command")):
         yield Result(f"kbstore {what}", "0.25 s", found[name], _BAR, 1)
 

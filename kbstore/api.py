@@ -1,6 +1,7 @@
 """Opens a knowledge base in a store, and continues it in another."""
 
 import os
+from typing import TYPE_CHECKING
 
 from sqlalchemy import Engine
 from sqlalchemy.engine import URL
@@ -12,8 +13,10 @@ from kbstore.reading.resolver import MAX_STEP, TOLERANCE
 from kbstore.storage import directory
 from kbstore.storage.database import Database
 from kbstore.storage.engine import BUSY_TIMEOUT
-from kbstore.transfer.push import Pushed, pushing
-from kbstore.transfer.rows import Progress
+
+if TYPE_CHECKING:
+    from kbstore.transfer.push import Pushed
+    from kbstore.transfer.rows import Progress
 
 
 def open(
@@ -104,8 +107,8 @@ def push(
     name: str | None = None,
     *,
     follow: bool = False,
-    progress: Progress | None = None,
-) -> Pushed:
+    progress: "Progress | None" = None,
+) -> "Pushed":
     """Continue a knowledge base in another store, on either engine: everything that was recorded, exactly once.
 
     The copy has the same transactions with the same numbers, domains, schedules and runs. From the first push on
@@ -130,6 +133,8 @@ def push(
         HistoryUnavailable: transactions that the copy lacks have been archived here.
         InvalidKnowledge: the copy was created with another `use_unknowns`, or one of the two is an archive.
     """
+    from kbstore.transfer.push import pushing
+
     with pushing(kb._reader, url, name, progress) as push:
         if not follow:
             return push.catch_up()

@@ -72,9 +72,7 @@ from kbstore.storage import directory
 from kbstore.storage.database import Database
 from kbstore.storage.memory import TimelineCache
 from kbstore.storage.repository import Repository
-from kbstore.transfer import archive
-from kbstore.transfer.archive import Archived
-from kbstore.transfer.rows import Progress, is_archive
+from kbstore.transfer.archive_mark import is_archive
 from kbstore.writing.action_executor import applicability
 from kbstore.writing.ingesting import BATCH, Counted, Ingested, ingest
 from kbstore.writing.unit_of_work import OpenTransaction
@@ -82,7 +80,9 @@ from kbstore.writing.unit_of_work import OpenTransaction
 if TYPE_CHECKING:
     from sqlalchemy import Connection
 
+    from kbstore.transfer.archive import Archived
     from kbstore.transfer.push import Push
+    from kbstore.transfer.rows import Progress
 
 
 class KnowledgeBase:
@@ -932,7 +932,9 @@ class KnowledgeBase:
         with self._reader.repository() as repository:
             return repository.head().history_from
 
-    def archive(self, before: TimeLike, path: str | os.PathLike[str], *, progress: Progress | None = None) -> Archived:
+    def archive(
+        self, before: TimeLike, path: str | os.PathLike[str], *, progress: "Progress | None" = None
+    ) -> "Archived":
         """Move the history before a time into an archive, and free its space (rule Q7).
 
         The archive is an SQLite file. Opened like a store, ``kbstore.open(path, name)``, it answers as this knowledge
@@ -955,7 +957,10 @@ class KnowledgeBase:
             StoreUnavailable: the store or the file cannot be reached, or the file is not sound.
         """
         self._refuse_writing()
-        return archive.archive(self._reader, before, path, progress=progress)
+        # whole stores are moved rarely, and the statements for it take 10 ms to make
+        from kbstore.transfer.archive import archive
+
+        return archive(self._reader, before, path, progress=progress)
 
     def is_quick(self, question: Question) -> bool:
         """Return whether a question about now needs one short read of an SQLite file at most, or none.

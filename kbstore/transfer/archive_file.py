@@ -16,8 +16,9 @@ from kbstore.storage.database import Database
 from kbstore.storage.memory import StoreMemory
 from kbstore.storage.records import Head
 from kbstore.storage.repository import Repository
+from kbstore.transfer.archive_mark import ARCHIVE
 from kbstore.transfer.past import PastRows
-from kbstore.transfer.queries import ARCHIVE, assertions, by_table, quick_check
+from kbstore.transfer.queries import assertions, by_table, quick_check
 from kbstore.transfer.rows import LogRange, Record, RowSource, RowTarget, batches, make_archive, sync_directory
 
 CHECKED = (*assertions, "schedules", "runs")

@@ -24,9 +24,10 @@ from kbstore.storage.memory import StoreMemory
 from kbstore.storage.recorder import put_head
 from kbstore.storage.records import Head
 from kbstore.storage.repository import Repository
+from kbstore.transfer.archive_mark import is_archive
 from kbstore.transfer.delta import Delta, Span
 from kbstore.transfer.delta_queries import sizes
-from kbstore.transfer.rows import Progress, RowTarget, StoreLike, is_archive, opened
+from kbstore.transfer.rows import Progress, RowTarget, StoreLike, opened
 from kbstore.writing.derived_rates import derive_rates
 
 CHUNK = 10_000

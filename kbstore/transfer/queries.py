@@ -247,11 +247,4 @@ reclaim = {
 }
 """Frees the space of deleted rows: for the file system on SQLite, for the tables on PostgreSQL."""
 
-ARCHIVE: Final = int.from_bytes(b"kbar")
-"""The number in an SQLite file's header that marks it as an archive."""
-
-mark_archive = Statement(sa.text(f"PRAGMA application_id = {ARCHIVE}"))
-
-application_id = Statement(sa.text("PRAGMA application_id"))
-
 quick_check = Statement(sa.text("PRAGMA quick_check"))

@@ -22,7 +22,8 @@ from kbstore.storage.recorder import put_head
 from kbstore.storage.records import Head
 from kbstore.storage.repository import Repository
 from kbstore.storage.statements import Statement
-from kbstore.transfer.queries import ARCHIVE, application_id, by_table, last_transaction, mark_archive
+from kbstore.transfer.archive_mark import mark_archive
+from kbstore.transfer.queries import by_table, last_transaction
 
 StoreLike = str | os.PathLike[str] | URL | Engine
 """A store: a SQLAlchemy URL, the path of an SQLite file, or an `Engine` of the caller's."""
@@ -234,10 +235,3 @@ def make_archive(path: Path) -> None:
             connection.execute(mark_archive.sqlite)
     except sqlite3.Error as error:
         raise StoreUnavailable(f"{path}: {error}; nothing has been archived") from error
-
-
-def is_archive(database: Database) -> bool:
-    """Return whether a store is an archive, which ends at a time, and is not written to."""
-    if database.dialect != "sqlite":
-        return False
-    return database.first(application_id, {}) == (ARCHIVE,)

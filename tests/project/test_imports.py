@@ -40,6 +40,15 @@ def test_importing_kbstore_imports_what_is_used_of_it():
     assert rooms(modules("from kbstore import Conflict")) == {"errors"}
 
 
+def test_opening_a_store_imports_nothing_for_moving_it(tmp_path):
+    """Neither the migrations of one that is set up, nor the statements that carry a whole store elsewhere."""
+    opening = f"import kbstore; kbstore.open({str(tmp_path / 'store.db')!r}).close()"
+    modules(opening)
+    found = modules(opening)
+    assert "alembic" not in packages(found)
+    assert {name for name in found if name.startswith("kbstore.transfer.")} == {"kbstore.transfer.archive_mark"}
+
+
 def test_each_public_name_has_one_home():
     """Type checkers, the interpreter and `__all__` have the same names, from the same modules."""
     tree = ast.parse((ROOT / "kbstore" / "__init__.py").read_text())
