@@ -129,11 +129,11 @@ def replay(history: History, url: str, name: str = "bench", *, durability: str =
 
 def updates(step: Step, type_name: str) -> list[tuple[UpdateType, object]]:
     """A step as `kbstore.KnowledgeBase.update` takes it."""
-    told: list[tuple[UpdateType, object]] = []
-    told += [(UpdateType.REMOVE_KNOWLEDGE, Instance(instance_name=name)) for name in step.gone]
-    told += [(UpdateType.ADD_KNOWLEDGE, Instance(instance_name=name, instance_type=type_name)) for name in step.come]
-    told += [(UpdateType.ADD_KNOWLEDGE, fact(key, is_negative)) for key, is_negative in step.said]
-    return told
+    items: list[tuple[UpdateType, object]] = []
+    items += [(UpdateType.REMOVE_KNOWLEDGE, Instance(instance_name=name)) for name in step.gone]
+    items += [(UpdateType.ADD_KNOWLEDGE, Instance(instance_name=name, instance_type=type_name)) for name in step.come]
+    items += [(UpdateType.ADD_KNOWLEDGE, fact(key, is_negative)) for key, is_negative in step.said]
+    return items
 
 
 def fact(key: str, is_negative: bool = False) -> Fact:

@@ -18,7 +18,7 @@ from typing import Any, Final, NamedTuple
 import kbstore
 
 CHANGES: Final = 200
-"""How many facts change a second, unless told otherwise."""
+"""The default number of facts that change in a second."""
 
 _TOGETHER: Final = 10
 _PLACES: Final = 500
@@ -53,7 +53,7 @@ class Soak(NamedTuple):
         latencies: by kind of work.
         memory: of each process, after a fifth of the time and at the end, in MB.
         log: the largest write-ahead log that was seen, in MB.
-        watched: how many transactions the watcher was told of, and how many there were.
+        watched: the number of transactions that the watcher got, and the number that there were.
     """
 
     seconds: float
@@ -99,13 +99,13 @@ def soak(path: Path, seconds: float, changes: int = CHANGES) -> Soak:
         raise RuntimeError("a process of the soak failed, or did not end in time")
     found = {name: json.loads(_results(path, name).read_text()) for name in work}
     with kbstore.open(path, "soak", read_only=True) as kb:
-        told = kb.state().facts and sum(1 for _ in kb.changes(first))
+        recorded = kb.state().facts and sum(1 for _ in kb.changes(first))
     return Soak(
         seconds,
         {name: spread(each["latencies"]) for name, each in found.items()},
         {name: each["memory"] for name, each in found.items()},
         log / 1e6,
-        (len(found["watch"]["latencies"]), int(told)),
+        (len(found["watch"]["latencies"]), int(recorded)),
     )
 
 
@@ -166,7 +166,7 @@ _WORK: Final[dict[str, _Work]] = {"write": _write, "poll a state": _poll_state, 
 
 
 def _memory() -> float:
-    """What this process holds in memory, in MB; 0 where that cannot be told."""
+    """The memory of this process, in MB; 0 where that is unknown."""
     status = Path("/proc/self/statm")
     if not status.exists():
         return 0.0

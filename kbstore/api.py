@@ -54,9 +54,9 @@ def open(
         busy_timeout: seconds to wait for a lock that others hold, before `StoreUnavailable` is raised.
         schema: the schema of a PostgreSQL database in which the tables are; made if there is none. None: where the
             search path of the connection finds them.
-        notifications: whether a PostgreSQL server notifies this process of each commit, and answers about now are
-            cached until then. They are not older than the last notification that arrived, and right within this
-            process's own writes. Needs a connection of its own to the server itself; SQLite needs none of this.
+        notifications: whether answers about now are cached until a PostgreSQL server notifies this process of a commit.
+            A cached answer includes all commits of this process, and all others whose notification has arrived. Needs
+            one more connection, directly to the server; SQLite does not need the setting.
 
     Raises:
         SchemaOutOfDate, SchemaTooNew, SchemaUnknown: the database's schema is not this kbstore's.

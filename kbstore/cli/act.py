@@ -85,11 +85,11 @@ def start(
             run = tx.start(operator, *(arguments or []), duration=lasting, force=force)
         done = tx.result
     report = {"run": plain(run), "transaction": plain(done)}
-    said = f"transaction {done.number} at {isoformat(done.time)}: {run.action} started"
-    said += f", its end is expected at {isoformat(run.expected_end)}"
+    sentence = f"transaction {done.number} at {isoformat(done.time)}: {run.action} started"
+    sentence += f", its end is expected at {isoformat(run.expected_end)}"
     if run.forced:
-        said += f"; forced against {', '.join(run.forced)}"
-    answer(report, as_json=as_json, view=lambda: said)
+        sentence += f"; forced against {', '.join(run.forced)}"
+    answer(report, as_json=as_json, view=lambda: sentence)
 
 
 def end(
@@ -116,10 +116,10 @@ def end(
         done = found.end(run, client=client, note=note)
     failing, broken = each(done.failing), each(done.broken)
     report = {"run": plain(run), "transaction": plain(done), "failing": failing, "broken": broken}
-    said = [f"transaction {done.number} at {isoformat(done.time)}: {run.action} ended"]
-    said += [f"at its end, {failing.condition} is {failing.verdict}" for failing in done.failing]
-    said += [f"over all, {broken}" for broken in done.broken]
-    answer(report, as_json=as_json, view=lambda: "\n".join(said))
+    lines = [f"transaction {done.number} at {isoformat(done.time)}: {run.action} ended"]
+    lines += [f"at its end, {failing.condition} is {failing.verdict}" for failing in done.failing]
+    lines += [f"over all, {broken}" for broken in done.broken]
+    answer(report, as_json=as_json, view=lambda: "\n".join(lines))
 
 
 def abort(
@@ -143,8 +143,8 @@ def abort(
         run = _running(found, operator, arguments)
         done = found.abort(run, client=client, note=note)
     report = {"run": plain(run), "transaction": plain(done)}
-    said = f"transaction {done.number} at {isoformat(done.time)}: {run.action} aborted"
-    answer(report, as_json=as_json, view=lambda: said)
+    sentence = f"transaction {done.number} at {isoformat(done.time)}: {run.action} aborted"
+    answer(report, as_json=as_json, view=lambda: sentence)
 
 
 def runs(

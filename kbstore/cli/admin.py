@@ -114,12 +114,12 @@ def archive(
     with writing(url, kb, now) as found, working(f"archiving to {file.name}") as progress:
         done = found.archive(parse_time(before, found.now()), file, progress=progress)
     report = {"file": str(done.path), "rows": done.rows, **times(history_from=done.history_from)}
-    said = (
+    sentence = (
         f"{file}: {plural(done.rows, 'row')} moved; the history in the store begins at {isoformat(done.history_from)}"
         if done.rows
         else f"there was nothing to archive; the history in the store begins at {isoformat(done.history_from)}"
     )
-    answer(report, as_json=as_json, view=lambda: said)
+    answer(report, as_json=as_json, view=lambda: sentence)
 
 
 def demo(

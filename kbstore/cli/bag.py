@@ -40,8 +40,8 @@ def import_(
     with working(f"Reading {file}") as show:
         done = import_bag(file, store(url), kb, domain=domain, problem=problem, progress=show)
     read, recorded = plural(done.messages.total(), "message"), plural(done.transactions, "new transaction")
-    said = f"{done.name}: {recorded} from {read} of {isoformat(done.since)} to {isoformat(done.until)}"
-    answer(done.to_dict(), as_json=as_json, view=lambda: said)
+    sentence = f"{done.name}: {recorded} from {read} of {isoformat(done.since)} to {isoformat(done.until)}"
+    answer(done.to_dict(), as_json=as_json, view=lambda: sentence)
 
 
 def export(
@@ -67,5 +67,5 @@ def export(
 
     with reading(url, kb, now) as found:
         done = export_mcap(found, file, at_time(since, found), at_time(until, found), belief(as_of, found))
-    said = f"{file} has {plural(done.messages, 'message')} on {plural(done.topics, 'topic')}"
-    answer({"file": str(file), **done.to_dict()}, as_json=as_json, view=lambda: said)
+    sentence = f"{file} has {plural(done.messages, 'message')} on {plural(done.topics, 'topic')}"
+    answer({"file": str(file), **done.to_dict()}, as_json=as_json, view=lambda: sentence)

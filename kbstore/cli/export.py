@@ -111,8 +111,8 @@ def export(
             written = _write(_state(found, form, t, believed, domain=domain).encode(), output)
     if output is not None:
         report = {"file": str(output), **written}
-        said = ", ".join(f"{count:,} {what}" for what, count in written.items())
-        answer(report, as_json=as_json, view=lambda: f"{printable(str(output))}: {said}")
+        counts = ", ".join(f"{count:,} {what}" for what, count in written.items())
+        answer(report, as_json=as_json, view=lambda: f"{printable(str(output))}: {counts}")
 
 
 def _refuse_what_does_not_apply(form: Format, **given: object) -> None:

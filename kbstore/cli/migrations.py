@@ -64,8 +64,8 @@ def current(schema: Schema = None, url: Url = None, as_json: Json = False) -> No
     """
     revision = schemas.current(store(url), schema=schema)
     report = {"revision": revision, "needed": schemas.HEAD}
-    said = "no schema yet" if revision is None else f"schema {revision}"
-    answer(report, as_json=as_json, view=lambda: f"{said}; this kbstore needs {schemas.HEAD}")
+    sentence = "no schema yet" if revision is None else f"schema {revision}"
+    answer(report, as_json=as_json, view=lambda: f"{sentence}; this kbstore needs {schemas.HEAD}")
 
 
 def check(
@@ -101,13 +101,13 @@ def _migrated(done: schemas.Migrated, as_json: bool) -> None:
     copy = None if done.copy is None else str(done.copy)
     report = {"before": done.before, "after": done.after, "copy": copy}
     if done.before == done.after:
-        said = f"schema {done.after or 'none'}, unchanged"
+        sentence = f"schema {done.after or 'none'}, unchanged"
     elif done.before is None:
-        said = f"schema {done.after} was created"
+        sentence = f"schema {done.after} was created"
     elif done.after is None:
-        said = f"schema {done.before} was removed"
+        sentence = f"schema {done.before} was removed"
     else:
-        said = f"schema {done.before} was changed to {done.after}"
+        sentence = f"schema {done.before} was changed to {done.after}"
     if copy:
-        said += f"; the store as it was before is in {copy}"
-    answer(report, as_json=as_json, view=lambda: said)
+        sentence += f"; the store as it was before is in {copy}"
+    answer(report, as_json=as_json, view=lambda: sentence)

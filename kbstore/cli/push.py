@@ -42,8 +42,10 @@ def push(
             return
         with working(f"pushing {found.name}") as progress:
             done = kbstore.push(found, to, other, progress=progress)
-    said = f"{done.name} is there up to transaction {done.number}: {plural(done.transactions, 'transaction')} pushed"
-    answer(done, as_json=as_json, view=lambda: said)
+    sentence = (
+        f"{done.name} is there up to transaction {done.number}: {plural(done.transactions, 'transaction')} pushed"
+    )
+    answer(done, as_json=as_json, view=lambda: sentence)
 
 
 def adopt(url: Url = None, kb: Kb = None, as_json: Json = False) -> None:
@@ -55,8 +57,8 @@ def adopt(url: Url = None, kb: Kb = None, as_json: Json = False) -> None:
     place = store(url)
     name = named(kb, kbstore.knowledge_bases(place), place)
     source = adopt_copy(place, name)
-    said = f"{name} is written to here from now on; it was a copy of {source}"
-    answer({"name": name, "source": source}, as_json=as_json, view=lambda: said)
+    sentence = f"{name} is written to here from now on; it was a copy of {source}"
+    answer({"name": name, "source": source}, as_json=as_json, view=lambda: sentence)
 
 
 class _PushLines:

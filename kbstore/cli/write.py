@@ -204,12 +204,12 @@ def metric(
 
 def recorded(done: Transaction, as_json: bool) -> None:
     """Report a transaction, or that nothing changed."""
-    said = (
+    sentence = (
         f"transaction {done.number} at {isoformat(done.time)}: {plural(done.changes, 'change')}"
         if done.changes
         else f"nothing changed; the latest transaction is {done.number}"
     )
-    answer(done, as_json=as_json, view=lambda: said)
+    answer(done, as_json=as_json, view=lambda: sentence)
 
 
 def _domain_and_problem(files: list[Path]) -> tuple[Path | None, Path | None]:

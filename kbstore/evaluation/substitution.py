@@ -10,7 +10,7 @@ Bindings = Mapping[str, str]
 """The object of each variable, both as keys; variables without their question mark."""
 
 ArgumentPattern = tuple[str | None, ...]
-"""Arguments as keys; None stands for any object (rule V7)."""
+"""Arguments as keys; None matches any object (rule V7)."""
 
 
 def keyed(bindings: Bindings) -> dict[str, str]:

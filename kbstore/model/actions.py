@@ -1,4 +1,4 @@
-"""The actions of a domain: instantaneous and durative, with all that PDDL has for them."""
+"""The actions of a domain, instantaneous and durative, with every feature of PDDL."""
 
 from dataclasses import dataclass
 from functools import cached_property

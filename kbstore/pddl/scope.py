@@ -214,7 +214,7 @@ class Scope:
     def misfit(
         self, argument: str, variables: Variables, parameter: Parameter | None = None, *, asserted: bool = False
     ) -> str | None:
-        """Return what is wrong with an argument in the place of `parameter`; None if nothing."""
+        """Return the reason why an argument does not fit a parameter; None if it fits."""
         types: tuple[str, ...] | None
         if argument[:1] == "(":
             types = self._term_types(argument)

@@ -1,7 +1,7 @@
 """Latched start conditions: at-start conditions of an action's later effects (rules O2, O3).
 
 A condition that was true is remembered as PDDL text, with objects for its variables and all names as keys. These texts
-are stored with the run: they record what was true, whatever happens to the domain and the objects later.
+are stored with the run: they record what was true, and do not change with the domain and the objects.
 """
 
 from collections.abc import Iterator

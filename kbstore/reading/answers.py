@@ -313,7 +313,7 @@ class Answers:
         return answer
 
     def _check(self, prepared: _Prepared, repository: Repository, world: Interpretation, token: int) -> None:
-        """Raise `InvalidKnowledge` for a question that cannot be meant at the time of a world (rule V10)."""
+        """Raise `InvalidKnowledge` if an object in the question has a wrong type in a world (rule V10)."""
         if not self._is_plausible(prepared, repository, token, world.domain):
             check_types(prepared.named, world.type_of, world.domain)
 

@@ -1,4 +1,4 @@
-"""Patterns of assertions, as `history` and `watch` take them: an item in which ``?`` stands for any object."""
+"""Patterns of assertions, as `history` and `watch` take them: an item in which ``?`` matches any object."""
 
 from collections.abc import Sequence
 

@@ -127,7 +127,7 @@ class ProblemExpert(Expert):
                 tx.add(request.param)
 
     def remove_problem_instance(self, request: Any, response: Any) -> None:
-        """Remove an object by its name, whatever its type, and what mentions it."""
+        """Remove an object by its name, of any type, and its mentions."""
         name = request.param.name
         with self._transaction("remove_problem_instance") as tx:
             _existing(name, tx.state())

@@ -115,7 +115,7 @@ def host_logging() -> Iterator[None]:
 
 
 class PlainTool(Tool):
-    """A tool that refuses arguments which it does not have, and tells the sentence of an error alone."""
+    """A tool that refuses unknown arguments, and returns only the sentence of an error."""
 
     async def run(self, arguments: dict[str, Any], context: Any, convert_result: bool = False) -> Any:
         """Run the tool with arguments."""

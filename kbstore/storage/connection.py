@@ -243,7 +243,7 @@ class StoreConnection(ABC):
                 if self._must_roll_back():
                     self._execute("ROLLBACK")
             except self._error:
-                # whatever the reason: a dropped connection has no transaction any more
+                # for any reason: a dropped connection has no transaction any more
                 self.is_lost = True
         self.in_transaction = False
 

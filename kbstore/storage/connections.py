@@ -22,9 +22,8 @@ from kbstore.storage.statement_events import show_own
 class Connections(ABC):
     """The connections of one `Database`.
 
-    `checkout` gives the calling thread its connection, the same one within an operation that is under way; `checkin`
-    ends the use. After `close` nothing is checked out any more; a connection that is in use is closed when its use
-    ends.
+    `checkout` returns the calling thread's connection, the same one throughout an operation; `checkin` ends its use.
+    After `close` no connection is checked out; one in use is closed when its use ends.
     """
 
     def __init__(self, engine: Engine, options: Options) -> None:

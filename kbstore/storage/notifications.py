@@ -50,14 +50,14 @@ ANNOUNCE = "SELECT CAST(pg_notify(%(channel)s, %(number)s) AS text)"
 _SESSION = "SELECT pg_backend_pid(), pg_is_in_recovery(), EXISTS (SELECT FROM pg_extension WHERE extname = 'citus')"
 
 _guard = threading.Lock()
-"""Held for a moment to change subscriptions, or what they cache, in all pools of the process."""
+"""The lock on the subscriptions and their caches, in all pools of the process."""
 
 _subscriptions: dict[int, tuple["Subscription", ...]] = {}
 """The subscriptions of the process, by knowledge base, whose numbers are random and so hardly ever equal."""
 
 
 def hears_nobody(kb: Any) -> Any:
-    """Return the expression, for a writer's statement, whether nobody listens, or will until the transaction ends."""
+    """Return the SQL expression for whether there is no listener, nor will be until the transaction ends."""
     return sa.func.pg_try_advisory_xact_lock(sa.literal_column(str(_LOCK)), kb)
 
 
@@ -72,7 +72,7 @@ def committed(kb: int, number: int) -> None:
 
 
 def expect(kb: int, number: int) -> None:
-    """Cache nothing until the notification of a transaction arrives, which the caller is to commit."""
+    """Cache nothing until the notification of the caller's transaction arrives."""
     _for_each_subscription(kb, lambda subscription: subscription.expect(number))
 
 
@@ -85,7 +85,7 @@ def _for_each_subscription(kb: int, what: Callable[["Subscription"], None]) -> N
 
 def refuse_shared(driver: Any, store: str) -> None:
     """Raise `StoreUnavailable` if a connection cannot listen: through a pooler, to a standby, to Citus."""
-    # the process number of a pooler's client is made up, or that of the session that it had first: asked twice
+    # the process number of a pooler's client is invented, or that of its first session: hence two queries
     for _ in range(2):
         pid, is_standby, is_distributed = driver.execute(_SESSION).fetchone()
         if pid != driver.info.backend_pid:
@@ -98,7 +98,7 @@ def refuse_shared(driver: Any, store: str) -> None:
             f"{store}: a standby has no notifications; open it without, or give the address of the primary"
         )
     if is_distributed:
-        # locks and notifications of one machine do not reach the others
+        # locks and notifications are local to one machine
         raise StoreUnavailable(f"{store}: notifications do not go through Citus; open it without")
 
 
@@ -119,7 +119,7 @@ class Subscription:
         self._listener.wake()
 
     def end(self) -> None:
-        """Listen no more."""
+        """Stop listening."""
         with _guard:
             left = tuple(other for other in _subscriptions.get(self._kb, ()) if other is not self)
             if left:

@@ -51,7 +51,7 @@ class Repository:
         self._memory = memory
         if memory.progress.is_gone:
             raise memory.gone()
-        # taken before anything is read, so that it is not newer than what will be read
+        # taken first, so that it is not newer than the rows read later
         self._seen = memory.progress.seen
         self._cache = memory.timelines
         # taken after `_seen`: if the store goes back in between, `_look` notices it, and takes the generation again

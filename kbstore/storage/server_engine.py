@@ -4,7 +4,7 @@
 parameter              default    what
 =====================  =========  ============================================================================
 ``pool_size``          15         the most connections of a process to the server
-``answer_timeout``     30 s       how long a server may say nothing before the connection is given up; the
+``answer_timeout``     30 s       how long a server may not answer before the connection is given up; the
                                   default follows `busy_timeout`, and is 5 s at least; ``none`` waits for ever
 ``schema``             none       the schema in which the tables are, as in ``kbstore.open(schema=...)``
 ``notifications``      false      whether answers about now are cached, as in ``kbstore.open(notifications=True)``
@@ -200,7 +200,7 @@ def _patient() -> Any:
     import psycopg
 
     class PatientConnection(psycopg.Connection):
-        """Closes itself when the server has said nothing for `answer_timeout` seconds."""
+        """Closes itself after `answer_timeout` seconds without an answer of the server."""
 
         answer_timeout: float | None = None
 

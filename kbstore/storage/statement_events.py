@@ -30,7 +30,7 @@ def is_observed(place: sa.Engine | sa.Connection) -> bool:
 
 
 def begin_quietly(connection: sa.Connection) -> None:
-    """Have SQLAlchemy begin its transaction on a connection in autocommit, without telling the engine's listeners.
+    """Have SQLAlchemy begin its transaction on a connection in autocommit, unseen by the engine's listeners.
 
     SQLAlchemy's page on SQLite recommends a listener that begins a transaction then, for writing perhaps; kbstore
     begins its own.

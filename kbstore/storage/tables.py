@@ -95,7 +95,7 @@ heads = Table(
     Column("last_timeline", BIGINT, nullable=False),
     Column("last_run", BIGINT, nullable=False),
     Column("history_from", BIGINT, nullable=False),
-    # the store that this one follows, and that alone is written to; null where this one is
+    # the store that this read-only copy follows; null where this knowledge base is written to
     Column("source", TEXT),
     PrimaryKeyConstraint("kb_id"),
     _knowledge_base(),
@@ -108,7 +108,7 @@ transactions = Table(
     Column("changes", INTEGER, nullable=False),
     Column("number", BIGINT, nullable=False),
     Column("recorded_time", BIGINT, nullable=False),
-    # random: two histories that part have other tokens from there on
+    # random: histories that diverge have different tokens from there on
     Column("token", BIGINT, nullable=False),
     Column("last_timeline", BIGINT, nullable=False),
     # the earliest time about which it recorded late knowledge
@@ -165,7 +165,7 @@ timelines = Table(
     Column("role", SMALLINT, nullable=False),
     Column("knowledge_type", SMALLINT, nullable=False),
     Column("id", BIGINT, nullable=False),
-    # what it is about, in lower case and without brackets: "robot_at kenny wp0", "kenny", "" (the metric)
+    # the key of its subject, in lower case and without brackets: "robot_at kenny wp0", "kenny", "" (the metric)
     Column("key", _KEY, nullable=False),
     # the same as first written, where that differs
     Column("spelling", TEXT),
@@ -211,9 +211,9 @@ def _assertions(name: str, *own: Column[object]) -> Table:
         Column("timeline_id", BIGINT, nullable=False),
         Column("initial_time", BIGINT, nullable=False),
         Column("end_time", BIGINT, nullable=False),
-        # set only by a transaction that ended it at the transaction's own time
+        # the transaction that ended it, if it did so at its own time
         Column("ended_tx", BIGINT),
-        # the transaction that took it out of what is known now: cancelled, superseded, or ended as it began
+        # the transaction since which it does not count: cancelled, superseded, or ended as it began
         Column("retired_tx", BIGINT),
         # for a part that late knowledge left of another row: the transaction that first recorded it
         Column("told_tx", BIGINT),
@@ -244,7 +244,7 @@ facts = _assertions("facts")
 functions = _assertions(
     "functions",
     Column("function_value", _DOUBLE, nullable=False),
-    # per second, from initial_time on: the function's own, and with the contributions of what runs
+    # per second, from initial_time on: the function's own rate, and that with the contributions of runs
     Column("own_rate", _DOUBLE, nullable=False),
     Column("rate", _DOUBLE, nullable=False),
 )
@@ -285,7 +285,7 @@ schedules = Table(
     # where the interval tree keeps the span in which it was pending
     Column("node", BIGINT),
     Column("knowledge_type", SMALLINT, nullable=False),
-    # it was not recorded by anyone, but follows from what was
+    # derived from other rows, not given by a caller
     Column("is_derived", BOOLEAN, nullable=False),
     PrimaryKeyConstraint("kb_id", "recorded_tx", "seq"),
     sqlite_with_rowid=False,
@@ -325,9 +325,9 @@ runs = Table(
     Column("operator", TEXT, nullable=False),
     Column("arguments", TEXT, nullable=False),
     Column("outcome", VARCHAR(7)),
-    # what its later effects depend on and was true at its start: conditions in PDDL, one a line
+    # the start conditions of its later effects that were true: in PDDL, one on each line
     Column("remembered", TEXT),
-    # the conditions that did not hold and were overruled: in PDDL, one a line
+    # the conditions that did not hold and were overruled: in PDDL, one on each line
     Column("forced", TEXT),
     PrimaryKeyConstraint("kb_id", "number"),
     _knowledge_base(),

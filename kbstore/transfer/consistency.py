@@ -93,7 +93,7 @@ def _of_assertions(kind: KnowledgeType, table: Table) -> tuple[Statement, Sequen
         tables.revisions.c.what <= constant(max(_RETIRING)),
     )
     other = table.alias("other")
-    told = exists().where(_same(other, table, "recorded_tx=told_tx", "timeline_id"))
+    first_recorded = exists().where(_same(other, table, "recorded_tx=told_tx", "timeline_id"))
     until_late = func.min(row.end_time, retired.c.late_from)
     kept = exists().where(
         _same(other, table, "recorded_tx=retired_tx", "timeline_id", "initial_time"),
@@ -127,7 +127,7 @@ def _of_assertions(kind: KnowledgeType, table: Table) -> tuple[Statement, Sequen
             and_(row.told_tx.is_not(None), or_(not_(is_late), row.told_tx >= row.recorded_tx)),
             "has a told_tx, and is not what late knowledge left of an earlier row",
         ),
-        (and_(row.told_tx > _GONE, not_(told)), "has a told_tx that recorded nothing on its timeline"),
+        (and_(row.told_tx > _GONE, not_(first_recorded)), "has a told_tx that recorded nothing on its timeline"),
         (
             and_(is_cancelled, or_(not_(is_ahead), retired.c.recorded_time >= row.initial_time)),
             "was cancelled when it had taken effect",
@@ -292,11 +292,11 @@ def _derived() -> Any:
 
 
 def _wrong_places() -> Any:
-    """Select transactions whose rows have a place twice, or leave one out although none of them was archived.
+    """Select transactions whose rows have a position twice, or leave one out although none of them was archived.
 
     Derived rows are the last ones of their transaction, and may have been deleted.
     """
-    told = func.sum(case((_derived(), constant(0)), else_=constant(1)))
+    counted = func.sum(case((_derived(), constant(0)), else_=constant(1)))
     last = func.max(case((_derived(), constant(-1)), else_=_rows.c.seq))
     number = _rows.c.recorded_tx
     return (
@@ -305,7 +305,7 @@ def _wrong_places() -> Any:
         .having(
             or_(
                 func.count(_rows.c.seq.distinct()) < func.count(),
-                and_(number > _GONE, told != last + constant(1)),
+                and_(number > _GONE, counted != last + constant(1)),
             )
         )
         .order_by(number)

@@ -337,7 +337,7 @@ def _foreseen(breaks: Sequence[Break]) -> list[FailingCondition]:
 def _at_start(state: State, action: GroundAction, *, duration: float | None = None, force: bool = False) -> Effects:
     """Evaluate the at-start effects of an action. Raises `NotApplicable` if its at-start conditions do not hold.
 
-    Raises `UndefinedFunction` or `DivisionByZero` if an effect needs a number that has no value.
+    Raises `UndefinedFunction` or `DivisionByZero` if an effect reads an undefined function or divides by zero.
     """
     world = state.snapshot
     failing = planning.failing(action, Timing.AT_START, world, duration=duration)

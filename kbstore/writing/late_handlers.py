@@ -153,12 +153,12 @@ class LateHandlers:
     def _checked(
         self, symbols: SymbolTable, item: Item, add: Callable[[Handlers, Item, int], Violations]
     ) -> tuple[Violations, list[tuple[TimelineState, Value]]]:
-        """Return what is wrong with an item under a version of the domain, and the value that it adds."""
+        """Return the violations of an item under a version of the domain, and the value that it adds."""
         handlers, edits = self._under(symbols)
         return add(handlers, item, self._since), edits.puts
 
     def _under(self, symbols: SymbolTable) -> tuple[Handlers, LateEdits]:
-        """Return the handlers of updates under a version of the domain, and what they do."""
+        """Return the handlers of updates under a version of the domain, and the edits that they collect."""
         edits = LateEdits(self._repository, self._past, self._until)
         return Handlers(self._change_set, self._repository, symbols, self._on_removed_object, edits), edits
 

@@ -34,7 +34,7 @@ class ObjectHandlers:
         self._now = change_set.now
 
     def add(self, item: Instance, t: int) -> Violations:
-        """Add an object from `t` on, which is not before now; a negative item ends it."""
+        """Add an object from `t`, now or later, on; a negative item ends it."""
         name, type_name = item.instance_name, item.instance_type or "object"
         violations = self.adding_violations(item)
         if violations:

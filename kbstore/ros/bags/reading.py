@@ -88,7 +88,7 @@ class Bag:
         for connection, time, data in self._reader.messages(connections=connections):
             try:
                 message = self._reader.deserialize(data, connection.msgtype)
-            except Exception as error:  # whatever a damaged message makes of its reader
+            except Exception as error:  # a damaged message may raise any error in its reader
                 raise InvalidKnowledge(
                     f"{self.path}: the message on {connection.topic} at {isoformat(time)} cannot be read: {error}"
                 ) from error
