@@ -94,7 +94,7 @@ class SystemClock:
 
     @staticmethod
     def elapsed() -> int:
-        """Return nanoseconds since some moment, independent of the wall clock; suspended time counts on Linux."""
+        """Return nanoseconds since some fixed time, independent of the wall clock; suspended time counts on Linux."""
         boot = getattr(_time, "CLOCK_BOOTTIME", None)
         return _time.monotonic_ns() if boot is None else _time.clock_gettime_ns(boot)
 

@@ -1,6 +1,6 @@
 """Conversion between the model and the messages: expressions, signatures, operators, and a domain with both.
 
-The model does not know the wire format; what the messages need of it is made here.
+The model does not know the wire format; the messages are made here.
 """
 
 import math

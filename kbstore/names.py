@@ -71,7 +71,7 @@ def matches(pattern: Sequence[str], names: Sequence[str]) -> bool:
 
 
 def problem(name: str) -> str | None:
-    """Return what is wrong with a name, as the end of a sentence that begins with the name; None if nothing.
+    """Return the problem of a name, as the end of a sentence that begins with it; None if there is none.
 
     Accepts PDDL names, and other names of message-based clients as long as PDDL text with them can be read back.
     """

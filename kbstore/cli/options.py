@@ -117,7 +117,7 @@ def writing(url: str | None, kb: str | None, now: str | None, *, creating: bool 
     except KbStoreError:
         if not creating:
             raise
-        # there is no store yet, or opening it for writing reports what is wrong
+        # there is no store yet, or opening it for writing reports the error
         names = []
     name = kb if creating and kb else named(kb, names, place) if names or not creating else "default"
     with kbstore.open(place, name, clock=clock_for(place, name, now)) as found:

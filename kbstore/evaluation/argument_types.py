@@ -74,7 +74,7 @@ def check_types(uses: Iterable[NamedArgument], type_of: TypeOf, domain: Domain |
 
 
 def wrong_type(use: NamedArgument, type_name: str, type_of: TypeOf, domain: Domain) -> InvalidKnowledge:
-    """Return the error for an object of the wrong type, which suggests what was probably meant."""
+    """Return the error for an object of the wrong type, which suggests the probable meaning."""
     meant = _meant(use, type_of, domain)
     return InvalidKnowledge(
         f"{use.atom}: {use.atom.arguments[use.position]} is {_either((domain.type_spelling(type_name),))}, and "

@@ -85,7 +85,7 @@ class Derived:
         self._known |= {name: (certain[name], possible[name]) for name in stratum}
 
     def _fixpoint(self, stratum: frozenset[str], *, certainly: bool) -> Mapping[str, Relation]:
-        """The least fixpoint of a stratum; what is unknown counts as false if `certainly`, else as true."""
+        """The least fixpoint of a stratum; unknown atoms count as false if `certainly`, else as true."""
         current = {name: Relation() for name in stratum}
         full = {name: prod(len(self._objects(types)) for types in self._program.ranges[name]) for name in stratum}
         recursive = any(self._program.dependencies[name] & stratum for name in stratum)

@@ -184,7 +184,7 @@ class Evaluation:
     def _all_denied(self, atom: Atom, wanted: ArgumentPattern) -> bool:
         """Return whether a pattern is explicitly false for all objects that it matches.
 
-        Without a domain it never is, as nobody knows all objects.
+        Without a domain it never is, as further objects may exist.
         """
         if self.world.domain is None:
             return False

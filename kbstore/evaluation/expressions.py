@@ -95,7 +95,7 @@ def fold(
 
 
 def doubles(operator: Operator, operands: Sequence[float]) -> float:
-    """Apply an operator to IEEE doubles. Raises `ZeroDivisionError`, and `OverflowError` for what is not finite."""
+    """Apply an operator to IEEE doubles. Raises `ZeroDivisionError`, and `OverflowError` for non-finite results."""
     if operator is Operator.UMINUS:
         return -operands[0]
     left, right = operands

@@ -59,7 +59,7 @@ class Interpretation(Protocol):
 
 
 class ListedInterpretation(Interpretation, Protocol):
-    """An interpretation that also lists what is defined."""
+    """An interpretation that also lists the defined functions."""
 
     def defined(self, name: str) -> Iterable[Arguments]:
         """The arguments for which a numeric function is defined."""

@@ -230,7 +230,7 @@ _Step = Callable[[dict[str, str]], Iterator[dict[str, str]]]
 def _plan(
     variables: Variables, guarded: list[Guard], bound: set[str], objects: Callable[[Types], Collection[str]]
 ) -> list[_Step]:
-    """Order the guards for reading: first those that check what is bound, then those with the fewest rows."""
+    """Order the guards for reading: first those with bound variables alone, then those with the fewest rows."""
 
     def rank(guard: Guard) -> tuple[int, bool, int]:
         terms = [a for a in guard[0].arguments if not is_wildcard(a) or key(a[1:]) in bound]

@@ -65,7 +65,7 @@ def to_problem(state: "State", *, environment: Any = None) -> Any:
 
 
 class _Translation:
-    """Translates one state to a problem, and collects what is refused."""
+    """Translates one state to a problem, and collects the refused parts."""
 
     def __init__(self, state: "State", domain: Domain, environment: Any) -> None:
         self._up = library()

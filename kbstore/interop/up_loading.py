@@ -292,7 +292,7 @@ class _Writer:
                 elif metric.is_maximize_expression_on_final_state():
                     yield f"  (:metric maximize {expression_text(metric.expression)})"
                 elif self._preferences:
-                    # to maximize what is gained is to minimize what is lost
+                    # to maximize the gain is to minimize the loss
                     lost = [f"(* {number_text(gain)} (is-violated {name}))" for name, gain in self._preferences]
                     total = lost[0] if len(lost) == 1 else f"(+ {' '.join(lost)})"
                     yield f"  (:metric minimize {total})"

@@ -46,7 +46,7 @@ class Bar:
 
 @dataclass(frozen=True, slots=True)
 class Lane:
-    """A name, and what is drawn beside it."""
+    """A name, and the shapes beside it."""
 
     label: str
     bars: Sequence[Bar]
@@ -60,7 +60,7 @@ def timeline(lanes: Sequence[Lane], marks: Iterable[tuple[int, str]] = (), note:
     if not lanes or not times:
         return ""
     first, last = min(times), max(times)
-    # what is open goes on a little beyond the last time
+    # open ends are drawn a little beyond the last time
     length = last - first + max((last - first) // 16, 1)
 
     def x(t: int | None) -> float:

@@ -123,7 +123,7 @@ def _numbered(arity: int) -> tuple[str, ...]:
 
 
 def arity_problem(atom: Atom, declared: Signature | Action) -> str | None:
-    """Return what is wrong with an atom or action whose number of arguments is not as declared; None if it fits."""
+    """Return the reason why a number of arguments is not the declared one; None if it is."""
     if len(atom.arguments) == len(declared.parameters):
         return None
     parameters = " ".join((declared.name, *(f"?{p.name} - {p.type_text}" for p in declared.parameters)))

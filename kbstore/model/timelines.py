@@ -54,7 +54,7 @@ class EndCause(IntEnum):
 
 
 class Identity(NamedTuple):
-    """The identity of a timeline: role, knowledge type, and what it is about, as it is compared."""
+    """The identity of a timeline: role, knowledge type, and subject, as compared."""
 
     role: Role
     kind: KnowledgeType

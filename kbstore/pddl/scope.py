@@ -42,11 +42,11 @@ class Scope:
         return self.source.error(problem, self.source.offset(group, index))
 
     def diagnose(self, kind: type[KbStoreError], problem: str, group: Group, index: int | None = None) -> None:
-        """Report what is PDDL but does not fit; without `report`, as for questions, raise it at once."""
+        """Report a part that is PDDL but does not fit; without `report`, as for questions, raise it at once."""
         self.diagnose_at(kind, problem, -1 if self.report is None else self.source.offset(group, index))
 
     def diagnose_at(self, kind: type[KbStoreError], problem: str, offset: int) -> None:
-        """Report what does not fit, at an offset of the text."""
+        """Report a part that does not fit, at an offset of the text."""
         self.diagnosed += 1
         if self.report is None:
             raise kind(bounded(problem))

@@ -70,7 +70,7 @@ def ground(domain: Domain, name: str, arguments: tuple[str, ...], world: Interpr
 
 
 def _mismatch(domain: Domain, argument: str, parameter: Parameter, world: Interpretation) -> str | None:
-    """Return what is wrong with an argument, after "?wp is"; None if nothing."""
+    """Return the problem of an argument, as the words after "?wp is"; None if it fits."""
     expected = f"an object of the type {parameter.type_text} is expected"
     problem = names.problem(argument)
     if problem:

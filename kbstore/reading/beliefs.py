@@ -1,4 +1,4 @@
-"""Beliefs about one valid time, over transaction time: what was believed of it, and since when (rule L4)."""
+"""Beliefs about one valid time, over transaction time (rule L4)."""
 
 from kbstore.clock import TimeLike, time
 from kbstore.messages import KnowledgeType, Truth

@@ -1,4 +1,4 @@
-"""Compares what was asserted in two states (rule Q5)."""
+"""Compares the assertions of two states (rule Q5)."""
 
 from kbstore.messages import Expression, Fact, Function, Inequality, Instance, KnowledgeItem
 from kbstore.model.results import Diff

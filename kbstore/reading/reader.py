@@ -223,7 +223,7 @@ class Reader:
         )
 
     def _data(self, repository: Repository, point: TemporalPoint, domain: Domain | None) -> StateData:
-        """Read what holds, or is expected to hold, at a point (rules Q1, Q2, O3)."""
+        """Read the state, or the expected state, at a point (rules Q1, Q2, O3)."""
         t = point.valid_time
         pending = _all_kinds(repository.scheduled_at, point.position)
         if t > point.system_time.time:

@@ -110,7 +110,7 @@ def log_table(transactions: Iterable[Transaction], moments: TimeFormat) -> Rende
 
 
 def change_view(change: Change, moments: TimeFormat) -> RenderableType:
-    """Show what one transaction did, or what took effect by the clock.
+    """Show the changes of one transaction, or those by the clock.
 
     ``+`` asserted, ``-`` ended, ``x`` cancelled, ``~`` superseded.
     """

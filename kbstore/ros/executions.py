@@ -57,7 +57,7 @@ class Executions:
         self._durations = {_words(item.action): item.duration for item in items}
 
     def info(self, message: Any, time: int) -> None:
-        """Record what an `ActionExecutionInfo` reports and has not been recorded yet."""
+        """Record the news of an `ActionExecutionInfo`."""
         name, status = message.action_full_name, message.status
         if status == NOT_EXECUTED or name == ":0":
             # the executor's entry for the initial state is :0

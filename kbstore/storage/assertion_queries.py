@@ -71,12 +71,12 @@ class AssertionQueries:
 
     @cached_property
     def holding(self) -> Statement:
-        """The assertions that hold at :t by what is known now."""
+        """The assertions that hold at :t, as known now."""
         return Statement(lambda dialect: sa.union_all(*self._in_tree(dialect)))
 
     @cached_property
     def holding_as_of(self) -> Statement:
-        """The assertions that held at :t by what was known after the transaction :number, whose time is :t or later."""
+        """The assertions that held at :t, as of the transaction :number, whose time is :t or later."""
         columns = self._columns
         known = columns.recorded_tx <= parameter("number")
         since = columns.retired_tx > parameter("number")

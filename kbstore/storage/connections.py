@@ -50,7 +50,7 @@ class Connections(ABC):
 
     @abstractmethod
     def close(self) -> None:
-        """Close the connections that nobody uses, and refuse every checkout from now on."""
+        """Close the unused connections, and refuse every checkout from now on."""
 
     def _refuse_closed(self) -> None:
         if self.is_closed:
@@ -65,7 +65,7 @@ class Connections(ABC):
             )
 
     def refuse_another_file(self, connection: StoreConnection) -> None:
-        """Raise where another store has taken the file's place: what is known of the first is not true of it."""
+        """Raise where another store has taken the file's place: the caches of the first do not apply to it."""
         if self._file is None:
             self._file = connection.file
         if connection.file != self._file:
@@ -121,7 +121,7 @@ class Connections(ABC):
         Returns whether all files that the parent had open could be closed, which they can if the fork was quiet: no
         other thread was within SQLite.
         """
-        # closing would roll back what the parent has written, in the log that both processes share
+        # closing would roll back the parent's writes, in the log that both processes share
         closing = is_quiet and self._is_sqlite and not any(connection.has_unsettled for connection in self._open)
         for connection in self._open:
             # otherwise the pool would close it when the handle is collected
@@ -250,7 +250,7 @@ class ThreadConnections(Connections):
         return found
 
     def _drop_unused(self, connection: StoreConnection) -> bool:
-        """Close a connection that nobody uses; return False if a thread uses it, which closes it afterwards."""
+        """Close an unused connection; return False if a thread uses it, which closes it afterwards."""
         if not connection.lock.acquire(blocking=False):
             return False
         try:

@@ -107,7 +107,7 @@ class Database:
         return _Transaction(self)
 
     def refuse_moved(self, connection: StoreConnection) -> None:
-        """Raise `StoreUnavailable` if a file is not at its path any more, where nobody would find what is written."""
+        """Raise `StoreUnavailable` if a file is not at its path any more, where writes would be lost."""
         if isinstance(connection, SqliteConnection) and connection.has_moved():
             raise self._connections.moved()
 

@@ -24,7 +24,7 @@ PATIENCE = 1.0
 
 
 class ForkSafe(Protocol):
-    """The connections to one database, by what a fork does with them."""
+    """The connections to one database, with their handling in a fork."""
 
     def hold(self, deadline: float) -> bool:
         """Keep other threads out of SQLite, before a fork; return False if they don't leave it until a deadline."""

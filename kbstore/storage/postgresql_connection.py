@@ -35,7 +35,7 @@ _plain = attrgetter("postgresql")
 def is_connected(driver: Any, error: type[Exception]) -> bool:
     """Return whether a connection can be used: whether no notice of its end has arrived by now."""
     try:
-        # never waits; once for what the server sent, and once more for the end of the connection
+        # never waits; once for data of the server, and once more for the end of the connection
         driver.pgconn.consume_input()
         driver.pgconn.consume_input()
     except error:
@@ -101,7 +101,7 @@ class PostgresqlConnection(StoreConnection):
                 raise self._failure(error) from error
 
     def lock_head(self, statement: Statement, parameters: Parameters) -> SqlRow | None:
-        """Return the head's row, locked; a last column, whether nobody listens, is taken off it."""
+        """Return the head's row, locked; its last column, whether there is no listener, is removed."""
         row = super().lock_head(statement, parameters)
         if row is None:
             return None

@@ -191,7 +191,7 @@ pending = Statement(_pending)
 pending_as_of = Statement(
     sa.union_all(
         _pending.where(_schedules.recorded_tx <= parameter("number")),
-        # derived rows are not among them: they are never cancelled, but deleted and derived anew
+        # derived rows are not among them: they are never cancelled, but deleted and derived again
         select(_revisions.knowledge_type, _revisions.recorded_tx, _revisions.seq).where(
             _revisions.kb_id == KB,
             between(_revisions.tx, "number", "latest"),

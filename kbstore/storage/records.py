@@ -181,7 +181,7 @@ class RunRow(NamedTuple):
 
 
 class DomainRow(NamedTuple):
-    """A version of the domain: its name, its PDDL text, and what is sensed as JSON."""
+    """A version of the domain: its name, its PDDL text, and its sensed symbols as JSON."""
 
     name: str
     source: str

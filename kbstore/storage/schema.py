@@ -301,7 +301,7 @@ def _migrate(url: StoreUrl, revision: str, schema: str | None, *, backup: bool, 
 def _run(
     connection: sa.Connection, revision: str, schema: str | None = None, *, backup: bool = False, down: bool = False
 ) -> Migrated:
-    """Have alembic run the migrations between what the database has and a revision."""
+    """Have alembic run the migrations between the database's revision and another."""
     from alembic.runtime.environment import EnvironmentContext
     from alembic.runtime.migration import MigrationContext
     from alembic.script import ScriptDirectory
@@ -315,7 +315,7 @@ def _run(
     copy: Path | None = None
 
     def plan(stamps: Any, _: MigrationContext) -> Sequence[Any]:
-        # called under the write lock: what is read and copied here is what the steps will find
+        # called under the write lock: the steps will find the rows that are read and copied here
         nonlocal before, copy
         before = stamps
         if not stamps and (taken := _taken(connection, schema)):

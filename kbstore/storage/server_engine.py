@@ -162,7 +162,7 @@ def lend(connection: Connection, seconds: float | None) -> bool:
 
 
 def take_back(driver: Any) -> None:
-    """Restore a connection of the caller's to what it was before `lend`."""
+    """Restore the settings that a caller's connection had before `lend`."""
     driver.prepare_threshold = driver.lent_threshold
     del driver.answer_timeout, driver.wait, driver.lent_threshold
 

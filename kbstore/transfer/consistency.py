@@ -29,7 +29,7 @@ _RETIRING = (RevisionKind.CANCELLED, RevisionKind.SUPERSEDED, RevisionKind.EMPTI
 
 
 class Contradiction(NamedTuple):
-    """A row that no store has: its table, its key, and what is wrong with it."""
+    """A row that no store has: its table, its key, and its problem."""
 
     table: str
     key: Sequence[Any]

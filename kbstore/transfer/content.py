@@ -332,7 +332,7 @@ def _check_value(timeline: Timeline, row: _Row) -> None:
 
 
 def _formula_problem(timeline: Timeline, optimization: str, text: str) -> str | None:
-    """Return what is wrong with the text of a metric, a goal or a constraint; None if nothing."""
+    """Return the problem of the text of a metric, a goal or a constraint; None if there is none."""
     if timeline.role is Role.STATE:
         fits = optimization in ("minimize", "maximize") and expression_text(parse_expression(text)) == text
         return None if fits else f"is not a metric: {optimization!r:.80}, {text!r:.80}"

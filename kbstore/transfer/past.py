@@ -44,7 +44,7 @@ class PastRows:
         if self._is_later(record["retired_tx"]):
             record = record | {"retired_tx": None}
         if table == "functions" and record["initial_time"] > self._time and record["retired_tx"] is None:
-            # rates ahead are derived anew: by the target of a push, or by a question to an archive about the future
+            # future rates are derived again: by the target of a push, or by a question to an archive about the future
             record = record | {"rate": record["own_rate"]}
         return record
 

@@ -79,7 +79,7 @@ class Push:
         self._closed.set()
 
     def catch_up(self) -> Pushed:
-        """Push what the target lacks."""
+        """Push the transactions that the target lacks."""
         while not self._closed.is_set() and self._advance():
             pass
         return Pushed(self._name, self._number, self._transactions, self._rows)
@@ -127,7 +127,7 @@ class Push:
                 target = RowTarget(there, self._name, use_unknowns=self._reader.use_unknowns)
                 now = Repository(there, target.kb, StoreMemory()).head(for_update=True)
                 if (now.number, now.token) != (before.number, before.token):
-                    # somebody else has pushed meanwhile
+                    # another process has pushed meanwhile
                     return True
                 after = delta.write(there, target, self._source)
                 if not delta.is_latest:

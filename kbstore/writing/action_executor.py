@@ -68,11 +68,11 @@ class ActionExecutor:
         return not (self.running or self.running_before)
 
     def copy(self) -> _Runs:
-        """Return a copy of what may change, for `restore`."""
+        """Return a copy of the mutable parts, for `restore`."""
         return self.running, self.last_run, self._started, self._ended
 
     def restore(self, copy: _Runs) -> None:
-        """Undo what was done since the copy was made."""
+        """Undo the changes since the copy was made."""
         self.running, self.last_run, self._started, self._ended = copy
 
     # -- operators --------------------------------------------------------------------------------------------
@@ -180,7 +180,7 @@ class ActionExecutor:
         self._stop(self._running(run), "aborted")
 
     def abort_with(self, name: str) -> None:
-        """Abort what runs with an object that is removed (rule C12)."""
+        """Abort the runs of an object that is removed (rule C12)."""
         for entry in self.running:
             if name in map(key, entry.run.arguments):
                 self._stop(entry, "aborted")

@@ -167,7 +167,7 @@ class ChangeSet:
         state.value = value
 
     def take(self, state: TimelineState, t: int, cause: EndCause) -> None:
-        """End what holds now; for a later time, cancel what is scheduled for it (rules C4, C5)."""
+        """End the current assertion; for a later time, cancel the one scheduled for it (rules C4, C5)."""
         self.touch(state)
         if t > self.now:
             del state.ahead[t]

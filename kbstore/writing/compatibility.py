@@ -18,7 +18,7 @@ from kbstore.writing.timeline_state import TimelineState
 def violations(
     domain: Domain, change_set: ChangeSet, states: Iterable[TimelineState], running: Iterable[RunningAction]
 ) -> list[str]:
-    """Return what would be invalid under a domain, each in one sentence."""
+    """Return the violations under a domain, each in one sentence."""
     resolver = NameResolver(change_set, SymbolTable(domain))
     sentences: list[str] = []
     for state in states:

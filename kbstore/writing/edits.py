@@ -26,7 +26,7 @@ class Edits(Protocol):
 
 
 class PresentEdits:
-    """Edits of what holds now, and of what is scheduled for later (an `Edits`)."""
+    """Edits of current and scheduled assertions (an `Edits`)."""
 
     def __init__(self, change_set: ChangeSet, repository: Repository) -> None:
         self._change_set = change_set
@@ -34,7 +34,7 @@ class PresentEdits:
         self.put = change_set.put
 
     def candidates(self, role: Role, kind: KnowledgeType, pattern: Sequence[str], t: int) -> Iterable[Timeline]:
-        """Return the timelines of what holds, or, for a later time, of what is scheduled."""
+        """Return the timelines with a current assertion or, for a later time, a scheduled one."""
         del role, pattern
         now = self._change_set.now
         read = self._repository.scheduled_at if t > now else self._repository.state_at
@@ -49,7 +49,7 @@ class PresentEdits:
 
 
 class LateEdits:
-    """Edits of the past since a time (an `Edits`): what is to be added is collected, what matches is removed."""
+    """Edits of the past since a time (an `Edits`): additions are collected, matches are removed."""
 
     def __init__(self, repository: Repository, past: Past, until: int | None) -> None:
         self._repository = repository
@@ -58,7 +58,7 @@ class LateEdits:
         self.puts: list[tuple[TimelineState, Value]] = []
 
     def put(self, state: TimelineState, value: Value, t: int) -> None:
-        """Collect a value; what is wrong with it in the other versions of the domain is not known yet."""
+        """Collect a value; it is not yet checked under the other versions of the domain."""
         del t
         self.puts.append((state, value))
 

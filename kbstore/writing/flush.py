@@ -21,7 +21,7 @@ Line = list[tuple[int, Value | None, StoredAssertion | None, bool]]
 
 
 class Flush:
-    """Compares the timelines that a transaction touched with what is stored of them."""
+    """Compares the timelines that a transaction touched with their stored rows."""
 
     def __init__(self, change_set: ChangeSet, repository: Repository) -> None:
         self._set = change_set

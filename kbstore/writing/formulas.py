@@ -32,7 +32,7 @@ _UNBOUND: frozenset[str] = frozenset()
 def condition_violations(
     resolver: NameResolver, condition: Formula, t: int, bound: frozenset[str] = _UNBOUND
 ) -> Iterator[str]:
-    """Yield what is wrong with a condition at a time, each in one sentence; `bound` are the keys of bound variables."""
+    """Yield the violations of a condition at a time, each in one sentence; `bound` are the keys of bound variables."""
     match condition:
         case Atom():
             yield from _atom_violations(resolver, KnowledgeType.FACT, condition, t, bound)
@@ -58,14 +58,14 @@ def condition_violations(
 def expression_violations(
     resolver: NameResolver, expression: NumericExpression, t: int, bound: frozenset[str] = _UNBOUND
 ) -> Iterator[str]:
-    """Yield what is wrong with the functions that an expression reads, each in one sentence."""
+    """Yield the violations of the functions that an expression reads, each in one sentence."""
     for atom in atoms_of(expression):
         if key(atom.name) != VIOLATION_METRIC:
             yield from _atom_violations(resolver, KnowledgeType.FUNCTION, atom, t, bound)
 
 
 def symbol_violations(resolver: NameResolver, expression: NumericExpression) -> Iterator[str]:
-    """Yield what is wrong with the symbols of the functions that an expression reads, regardless of objects."""
+    """Yield the violations of the symbols of the functions that an expression reads, regardless of objects."""
     for atom in atoms_of(expression):
         if key(atom.name) != VIOLATION_METRIC:
             try:

@@ -71,7 +71,7 @@ class ObjectHandlers:
         return next((str(spelling) for spelling in written if key(spelling) == key(type_name)), type_name)
 
     def adding_violations(self, item: Instance) -> Violations:
-        """Return what is wrong with an object that is to be added, by its name and its type."""
+        """Return the violations of an object that is to be added, by its name and its type."""
         name, domain = item.instance_name, self._domain
         violations = []
         wrong = names.problem(name)
@@ -117,7 +117,7 @@ class ObjectHandlers:
         return ()
 
     def removing_violations(self, item: Instance) -> Violations:
-        """Return what is wrong with a pattern of objects that are to be removed."""
+        """Return the violations of a pattern of objects that are to be removed."""
         domain = self._domain
         if domain is not None:
             if item.instance_type and not domain.knows_type(item.instance_type):

@@ -46,7 +46,7 @@ def piece_of(row: KnownAssertion, now: int) -> Piece:
 
 
 def cut(piece: Piece, kind: KnowledgeType, start: int, end: int, cause: EndCause) -> list[Piece]:
-    """Return what is left of a piece before and after a span that it overlaps."""
+    """Return the parts of a piece before and after a span that it overlaps."""
     left = []
     if piece.start < start:
         left.append(piece._replace(end=start, ended=(None, cause)))

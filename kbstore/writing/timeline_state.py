@@ -78,7 +78,7 @@ class TimelineState:
         return latest if latest is not None and latest.end_time > now else None
 
     def is_ended_now(self, now: int) -> bool:
-        """Return whether the transaction has ended what had held until now."""
+        """Return whether the transaction has ended the current assertion."""
         noted = self.past is not None and self.past.is_ended_now
         return self.value is None and (noted or self.base(now) is not None)
 
@@ -89,7 +89,7 @@ class TimelineState:
 
     @property
     def is_edited(self) -> bool:
-        """Whether late knowledge has changed what is known of the past."""
+        """Whether late knowledge has changed the past."""
         return self.past is not None and self.past.is_edited
 
     def pieces(self, now: int) -> list[Piece]:
@@ -106,14 +106,14 @@ class TimelineState:
         return [*pieces, Piece(now, OPEN, self.value)]
 
     def copy(self) -> "Copy":
-        """Return a copy of what may change, for `restore`."""
+        """Return a copy of the mutable parts, for `restore`."""
         past = self.past
         # a past that has only been read can be read again
         kept = replace(past, rows=list(past.rows)) if past is not None and past.is_edited else None
         return self.value, self.ahead.copy() if self.ahead else _NOTHING, self.cause, kept
 
     def restore(self, copy: "Copy") -> None:
-        """Undo what was done since the copy was made."""
+        """Undo the changes since the copy was made."""
         self.value, ahead, self.cause, self.past = copy
         self.ahead = dict(ahead)
 

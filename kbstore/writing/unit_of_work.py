@@ -144,7 +144,7 @@ class OpenTransaction:
         self._release()
 
     def _release(self) -> None:
-        """Free what the transaction has worked with, before the garbage collector may go through all of it."""
+        """Free the transaction's objects, before the garbage collector traverses all of them."""
         made = vars(self)
         for name in ("_change_set", "_executor", "_handlers", "_repository", "_working"):
             made.pop(name, None)

@@ -38,7 +38,7 @@ class WorkingState:
         self._use_unknowns = use_unknowns
 
     def data(self, domain: Domain | None) -> StateData:
-        """Return what holds now, with the changes made so far."""
+        """Return the current state, with the changes made so far."""
         now = self._change_set.now
         rows, pending = self._rows(domain)
         holding = list(rows.values())

@@ -168,7 +168,7 @@ class _Record:
         return max(found.initial_time, self._first), None if end is None or end > self._last else end
 
     def _states(self, spans: Sequence["_Span"]) -> Iterator[McapMessage]:
-        """A message at each time at which what holds on a topic changes, and at the end of the record."""
+        """A message at each change of a topic's value, and at the end of the record."""
         changes: dict[int, list[tuple[bool, _Span]]] = {}
         for span in spans:
             changes.setdefault(span.start, []).append((True, span))
