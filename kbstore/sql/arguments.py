@@ -37,7 +37,18 @@ def argument(of: FromClause, position: int) -> ColumnElement[str]:
     Args:
         of: `fact_history`, `function_history`, `current_facts`, `current_functions`, `timelines`, or an alias of one.
         position: 1 for the first argument; the result is NULL if there are fewer arguments.
+
+    Raises `ValueError` for a table without arguments, and for a position that is not a number from 1 on.
     """
+    if not isinstance(position, int) or position < 1:
+        raise ValueError(f"the position of an argument is 1 for the first and 2 for the second, not {position!r}")
     if "arguments" in of.c:
         return _Word(of.c.arguments, position - 1)
-    return _Word(of.c.key, position)
+    # the key of `symbols` is a name
+    if "key" in of.c and "arity" not in of.c:
+        return _Word(of.c.key, position)
+    name = getattr(of, "name", "this selectable")
+    raise ValueError(
+        f"{name} has no arguments: join sql.timelines (kb_id = timelines.kb_id and timeline_id = timelines.id), which "
+        "has them, or read a view such as sql.fact_history"
+    )

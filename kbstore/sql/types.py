@@ -12,15 +12,19 @@ from kbstore.clock import OPEN, TimeLike, time
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 
 
-class Nanoseconds(TypeDecorator[int]):
-    """A time in nanoseconds, None where it is open; compared with any time that kbstore takes (rule T2)."""
-
-    impl = BigInteger
-    cache_ok = True
+class _Bound:
+    """What columns of time are compared with: any time that kbstore takes (rule T2)."""
 
     def process_bind_param(self, value: TimeLike | None, dialect: Dialect) -> int | None:
         """Return the nanoseconds of a time."""
         return None if value is None else OPEN if value == OPEN else time(value)
+
+
+class Nanoseconds(_Bound, TypeDecorator[int]):
+    """A time in nanoseconds, None where it is open; compared with any time that kbstore takes (rule T2)."""
+
+    impl = BigInteger
+    cache_ok = True
 
     def process_result_value(self, value: int | None, dialect: Dialect) -> int | None:
         """Return None for an end that is open."""
@@ -50,15 +54,11 @@ _OF_NONE = {
 }
 
 
-class Timestamp(TypeDecorator[datetime]):
+class Timestamp(_Bound, TypeDecorator[datetime]):
     """A time as a `datetime` in UTC, which has microseconds; the rest of the nanoseconds is cut off."""
 
     impl = BigInteger
     cache_ok = True
-
-    def process_bind_param(self, value: TimeLike | None, dialect: Dialect) -> int | None:
-        """Return the nanoseconds of a time."""
-        return None if value is None else OPEN if value == OPEN else time(value)
 
     def process_result_value(self, value: int | None, dialect: Dialect) -> datetime | None:
         """Return None for an end that is open."""

@@ -95,6 +95,22 @@ def test_a_missing_argument_is_null(kb, service):
     assert row == ("kenny", None)
 
 
+@pytest.mark.parametrize("table", ["facts", "functions", "symbols", "goal_history", "transactions"])
+def test_an_argument_of_a_table_without_arguments(table):
+    """The error says which table has them."""
+    for found in (getattr(sql, table), getattr(sql, table).alias("told")):
+        with pytest.raises(ValueError, match=rf"^({table}|told) has no arguments: join sql\.timelines "):
+            sql.argument(found, 1)
+
+
+@pytest.mark.parametrize("position", [0, -1, "1", None])
+def test_arguments_are_counted_from_one(position):
+    """Any other position is refused before a database sees it."""
+    for table in (sql.current_facts, sql.timelines):
+        with pytest.raises(ValueError, match=f"1 for the first .*, not {position!r}"):
+            sql.argument(table, position)
+
+
 def test_times_are_nanoseconds_or_datetimes_and_open_ends_are_none(kb, service):
     """A column of time reads as an int, or by `as_datetime`; an open end as None; both are compared with times."""
     kb.remove("(parcel_at p2 attic)", "(robot_at kenny hall)")
