@@ -5,6 +5,7 @@ from typing import Any
 
 from sqlalchemy import BigInteger, ColumnElement, Dialect, TypeDecorator, type_coerce
 from sqlalchemy.sql import operators
+from sqlalchemy.sql.elements import Null
 from sqlalchemy.sql.operators import OperatorType
 
 from kbstore.clock import OPEN, TimeLike, time
@@ -32,26 +33,36 @@ class Nanoseconds(_Bound, TypeDecorator[int]):
 
 
 class End(Nanoseconds):
-    """The end of an assertion in a table; an open end is stored as the greatest number, which ``== None`` finds."""
+    """The end of an assertion in a table; an open end is stored as the greatest number, which None is compared as."""
 
     cache_ok = True
+
+    def process_bind_param(self, value: TimeLike | None, dialect: Dialect) -> int | None:
+        """Return the nanoseconds of a time, the greatest number for None."""
+        return OPEN if value is None else super().process_bind_param(value, dialect)
 
     class comparator_factory(TypeDecorator.Comparator[int]):
         """Compares None as the greatest number."""
 
         def operate(self, op: OperatorType, *other: Any, **options: Any) -> ColumnElement[Any]:
             """Apply an operator of SQLAlchemy."""
-            if other == (None,) and op in _OF_NONE:
-                op, other = _OF_NONE[op], (OPEN,)
-            return super().operate(op, *other, **options)
+            if other and _is_null(other[0]):
+                op = _OF_NULL.get(op, op)
+            return super().operate(op, *map(_or_greatest, other), **options)
 
 
-_OF_NONE = {
-    operators.eq: operators.eq,
-    operators.is_: operators.eq,
-    operators.ne: operators.ne,
-    operators.is_not: operators.ne,
-}
+_OF_NULL: dict[Any, Any] = {operators.is_: operators.eq, operators.is_not: operators.ne}
+"""Operators that SQL has for NULL only."""
+
+
+def _is_null(operand: Any) -> bool:
+    return operand is None or isinstance(operand, Null)
+
+
+def _or_greatest(operand: Any) -> Any:
+    if isinstance(operand, list | tuple | set | frozenset):
+        return [_or_greatest(each) for each in operand]
+    return OPEN if _is_null(operand) else operand
 
 
 class Timestamp(_Bound, TypeDecorator[datetime]):

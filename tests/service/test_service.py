@@ -122,8 +122,38 @@ def test_times_are_nanoseconds_or_datetimes_and_open_ends_are_none(kb, service):
         assert rows.all()[-1] == (seconds(1000), datetime(1970, 1, 1, 0, 16, 40, tzinfo=UTC), None, None)
         for moment in (seconds(1000), datetime(1970, 1, 1, 0, 16, 40, tzinfo=UTC), "1970-01-01T00:16:40Z"):
             assert connection.execute(sa.select(sa.func.count()).where(begins == moment)).scalar() == 3
-        for condition, count in ((ends == None, 1), (ends.is_(None), 1), (ends != None, 2), (ends.is_not(None), 2)):  # noqa: E711
-            assert connection.execute(sa.select(sa.func.count()).where(condition)).scalar() == count
+
+
+def test_an_open_end_is_compared_as_the_latest(kb, service):
+    """None, in any operator, is the end that has not come: later than every other. Columns are compared as well."""
+    end = kb.remove("(parcel_at p2 attic)", "(robot_at kenny hall)").time
+    ends, later = sql.facts.c.end_time, sql.facts.alias("later")
+    kb.add("(robot_at kenny hall)", initial_time=seconds(2000))
+    for condition, count in (
+        (ends == None, 2),  # noqa: E711
+        (ends.is_(None), 2),
+        (ends.is_(sa.null()), 2),
+        (ends == sa.bindparam("end", None), 2),
+        (ends.in_([None]), 2),
+        (ends.in_((None, end)), 4),
+        (ends.in_(sa.bindparam("ends", [None], expanding=True)), 2),
+        (ends.is_not_distinct_from(None), 2),
+        (ends != None, 2),  # noqa: E711
+        (ends.is_not(None), 2),
+        (ends.not_in([None]), 2),
+        (ends.is_distinct_from(None), 2),
+        (ends < None, 2),
+        (ends >= None, 2),
+        (ends.between("1970-01-01T00:00:00Z", None), 4),
+        (ends == end, 2),
+        (ends <= sa.select(later.c.initial_time).where(later.c.initial_time > end).scalar_subquery(), 2),
+        # the clock stands still: they ended when they began
+        (ends == sql.facts.c.initial_time, 2),
+    ):
+        with service.connect() as connection:
+            assert connection.execute(sa.select(sa.func.count(sql.facts.c.seq)).where(condition)).scalar() == count, (
+                str(condition)
+            )
 
 
 # -- one transaction over both --------------------------------------------------------------------------------
