@@ -6,9 +6,9 @@ and leaves the work to `kbstore.reading`, `kbstore.writing` and `kbstore.transfe
 
 import os
 import threading
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from copy import copy
-from functools import cache, partial
+from functools import partial
 from pathlib import Path
 from time import monotonic
 from types import TracebackType
@@ -21,20 +21,17 @@ from kbstore.errors import Conflict, InvalidKnowledge, InvalidTime, StoreUnavail
 from kbstore.evaluation.intervals import Intervals
 from kbstore.interop.up_loading import PlanningProblem
 from kbstore.messages import (
-    Condition,
     Expression,
     Fact,
     Function,
     Goal,
     Instance,
     KnowledgeItem,
-    KnowledgeType,
     Truth,
     UpdateType,
 )
 from kbstore.messages.gc_pause import gc_paused
 from kbstore.model.assertions import Assertions
-from kbstore.model.domain import Domain
 from kbstore.model.results import (
     Applicability,
     AsOf,
@@ -48,8 +45,6 @@ from kbstore.model.results import (
     Run,
     Transaction,
 )
-from kbstore.model.timelines import Role, StateRow
-from kbstore.names import key
 from kbstore.pddl.strict_names import StrictPddl, strict_domain
 from kbstore.pddl.writer import write_domain
 from kbstore.reading.answers import Answers, Computed
@@ -60,6 +55,7 @@ from kbstore.reading.difference import difference
 from kbstore.reading.explanation import ExplainedPoint, Explainer
 from kbstore.reading.history import Baseline, History
 from kbstore.reading.lazy_state import LazyState
+from kbstore.reading.parts import Parts
 from kbstore.reading.questions import Knowledge, Question
 from kbstore.reading.reader import Reader
 from kbstore.reading.resolver import MAX_STEP, TOLERANCE, TemporalPoint
@@ -137,6 +133,7 @@ class KnowledgeBase:
         self._runs = Runs(self._reader)
         self._explainer = Explainer(self._reader, self._history)
         self._answers = Answers(self._reader, self._clock, caching=cache)
+        self._parts = Parts(self._reader, self._answers)
         self._writing = threading.local()
         self._watches: WeakSet[Watch[Any] | Push] = WeakSet()
 
@@ -456,76 +453,29 @@ class KnowledgeBase:
         at: TimeLike | None = None,
     ) -> list[Instance]:
         """Return the objects of a type, or all."""
-        wanted = key(type_name)
-
-        @cache
-        def is_wanted(kind: str, domain: Domain | None) -> bool:
-            if not wanted:
-                return True
-            if include_subtypes and domain is not None:
-                return domain.is_subtype(kind, [wanted])
-            return key(kind) == wanted
-
-        def fits(row: StateRow, domain: Domain | None) -> bool:
-            return not row[2][0] and is_wanted(row[2][1], domain)
-
-        which = (wanted, include_subtypes)
-        items, domain = self._items((KnowledgeType.INSTANCE,), at, which=which, fits=fits)
-        if domain is not None and type_name:
-            domain.type_spelling(type_name)
-        found = cast("list[Instance]", items)
-        if include_constants and domain is not None:
-            constants = [(name, kind) for name, kind in domain.constants.items() if is_wanted(kind, domain)]
-            found += [Instance(instance_name=name, instance_type=kind) for name, kind in constants]
-        return found
+        return self._parts.instances(
+            type_name, at, include_constants=include_constants, include_subtypes=include_subtypes
+        )
 
     def propositions(self, name: str = "", at: TimeLike | None = None) -> list[Fact]:
         """Return the facts of a predicate, or all, of both signs."""
-        items, domain = self._items((KnowledgeType.FACT,), at, name)
-        if name and domain is not None:
-            domain.predicate_signature(name)
-        return cast("list[Fact]", items)
+        return self._parts.propositions(name, at)
 
     def functions(self, name: str = "", at: TimeLike | None = None) -> list[Function]:
         """Return the values of a numeric function, or of all."""
-        items, domain = self._items((KnowledgeType.FUNCTION,), at, name)
-        if name and domain is not None:
-            domain.function_signature(name)
-        return cast("list[Function]", items)
+        return self._parts.functions(name, at)
 
     def timed_knowledge(self, name: str = "", at: TimeLike | None = None) -> list[KnowledgeItem]:
         """Return the items scheduled to take effect after the time, of one predicate or function, or of all."""
-        items, domain = self._answers.part(("timed knowledge",), self._reader.timed_knowledge, at)
-        if name and domain is not None:
-            domain.symbol(name)
-        return [
-            item
-            for item in cast("list[KnowledgeItem]", items)
-            if not name or (isinstance(item, Fact | Function) and key(item.attribute_name) == key(name))
-        ]
+        return self._parts.timed_knowledge(name, at)
 
     def goals(self, at: TimeLike | None = None) -> list[Goal]:
         """Return the parts of the goal."""
-        return cast("list[Goal]", self._items(tuple(KnowledgeType), at, role=Role.GOAL)[0])
+        return self._parts.goals(at)
 
     def metric(self, at: TimeLike | None = None) -> Expression | None:
         """Return the metric; None if there is none."""
-        found, _ = self._items((KnowledgeType.EXPRESSION,), at)
-        return cast("Expression", found[0]) if found else None
-
-    def _items(
-        self,
-        kinds: Sequence[KnowledgeType],
-        at: TimeLike | None,
-        name: str = "",
-        *,
-        role: Role = Role.STATE,
-        which: object = None,
-        fits: Callable[[StateRow, Domain | None], bool] | None = None,
-    ) -> tuple[list[KnowledgeItem | Condition], Domain | None]:
-        """Return the items of some knowledge types at a time, and the domain then; `which` is the key of `fits`."""
-        read = partial(self._reader.items, role=role, kinds=kinds, name=name, fits=fits)
-        return self._answers.part((role, kinds, key(name), which), read, at)
+        return self._parts.metric(at)
 
     @property
     def domain(self) -> MessageDomain:

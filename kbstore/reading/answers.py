@@ -14,7 +14,7 @@ from kbstore.errors import KbStoreError
 from kbstore.evaluation.argument_types import check_types
 from kbstore.evaluation.interpretation import Interpretation, Number
 from kbstore.evaluation.snapshot import Snapshot
-from kbstore.messages import Condition, Function, KnowledgeItem, KnowledgeType, Truth
+from kbstore.messages import KnowledgeType, Truth
 from kbstore.model.domain import Domain
 from kbstore.model.results import AsOf, QueryResult
 from kbstore.model.symbols import SymbolTable
@@ -142,28 +142,6 @@ class Answers:
             return found.value
         finally:
             self._database.checkin(connection)
-
-    def part(
-        self,
-        name: tuple[object, ...],
-        read: Callable[[Repository, TemporalPoint], tuple[Sequence[KnowledgeItem | Condition], Domain | None]],
-        at: TimeLike | None = None,
-    ) -> tuple[list[KnowledgeItem | Condition], Domain | None]:
-        """Return the items of a part of the state at a time, as `read` reads them, and the domain then."""
-
-        def compute(
-            repository: Repository, point: TemporalPoint
-        ) -> Computed[tuple[Sequence[KnowledgeItem | Condition], Domain | None]]:
-            found = read(repository, point)
-
-            def until() -> int:
-                is_moving = any(isinstance(item, Function) and item.rate for item in found[0])
-                return point.valid_time if is_moving else repository.next_due(point.valid_time)
-
-            return Computed(found, 1 + len(found[0]), until)
-
-        items, domain = self.computed(name, compute, at)
-        return list(items), domain
 
     def is_quick(self, question: Question) -> bool:
         """Return whether a question is known to take at most one statement, on a connection of this thread's own."""

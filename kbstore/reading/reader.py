@@ -7,16 +7,14 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from kbstore.clock import OPEN, SECOND, TIME_LIMIT, Clock, TimeLike
 from kbstore.evaluation.snapshot import Snapshot, by_kind
-from kbstore.messages import Condition, KnowledgeItem, KnowledgeType
+from kbstore.messages import KnowledgeType
 from kbstore.model.domain import Domain
 from kbstore.model.results import AsOf, Broken, Explanation, Run
 from kbstore.model.symbols import SymbolTable
-from kbstore.model.timelines import Role, StateRow
-from kbstore.names import key
+from kbstore.model.timelines import StateRow
 from kbstore.planning.rates import RunningAction
 from kbstore.planning.simulator import Simulator
 from kbstore.reading.domains import DomainVersions
-from kbstore.reading.item_factory import ItemFactory
 from kbstore.reading.lazy_state import LazyState
 from kbstore.reading.mentions import mentions
 from kbstore.reading.prepared import PreparedQuestions
@@ -157,46 +155,6 @@ class Reader:
             if point.is_settled:
                 self._states.put(point.valid_time, _Past(data, point.head.late, repository.generation))
         return self.state_of(data, symbols, point.system_time if point.is_as_of else None)
-
-    def items(
-        self,
-        repository: Repository,
-        point: TemporalPoint,
-        role: Role,
-        kinds: Sequence[KnowledgeType],
-        name: str = "",
-        fits: Callable[[StateRow, Domain | None], bool] | None = None,
-    ) -> tuple[list[KnowledgeItem | Condition], Domain | None]:
-        """Return the items of a role and some knowledge types at a point, as in its state, and the domain.
-
-        With `name`, only those of that symbol; with `fits`, only those that it accepts. If the point is stored, the
-        rest of the state is not read.
-        """
-        symbols = self.symbol_table(repository, point.head, point.position)
-        symbol = key(name)
-        rows: list[StateRow] = []
-        if not point.is_known_now:
-            snapshot = self._data(repository, point, symbols.domain).snapshot
-            rows = [row for kind in kinds for row in snapshot.of(kind, role)]
-        elif name or role is not Role.STATE:
-            rows = [row for kind in kinds for row in repository.holding(role, kind, point.valid_time, symbol)]
-        else:
-            position = LogPosition(point.valid_time)
-            rows = [row for kind in kinds for row in repository.state_at(kind, position) if row[0].role is role]
-        if name:
-            rows = [row for row in rows if row[0].keys[0] == symbol]
-        if fits is not None:
-            rows = [row for row in rows if fits(row, symbols.domain)]
-        return ItemFactory(symbols).items(rows, point.valid_time), symbols.domain
-
-    def timed_knowledge(
-        self, repository: Repository, point: TemporalPoint
-    ) -> tuple[list[KnowledgeItem], Domain | None]:
-        """Return the items on record that take effect after a point, as in its state, and the domain."""
-        symbols = self.symbols_at(repository, point)
-        pending = _all_kinds(repository.scheduled_at, point.position)
-        nothing = Snapshot(point.valid_time, {}, symbols.domain, self.use_unknowns)
-        return self.state_of(StateData(nothing, pending, []), symbols).timed_knowledge, symbols.domain
 
     def _cached(self, repository: Repository, point: TemporalPoint) -> StateData | None:
         """Return a past state from the cache, unless late knowledge has reached its time since (rule L4)."""
