@@ -2,14 +2,17 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
 import typer
 
 import kbstore
 from kbstore.errors import KbStoreError
-from kbstore.knowledge_base import KnowledgeBase
 from kbstore.names import bracketed
-from kbstore.reading.state import State
+
+if TYPE_CHECKING:
+    from kbstore.knowledge_base import KnowledgeBase
+    from kbstore.reading.state import State
 
 
 def names(ctx: typer.Context) -> list[str]:
@@ -54,7 +57,7 @@ def patterns(ctx: typer.Context) -> list[str]:
 
 
 @contextmanager
-def _state(ctx: typer.Context) -> Iterator[State | None]:
+def _state(ctx: typer.Context) -> Iterator["State | None"]:
     try:
         with _open(ctx) as kb:
             state = None if kb is None else kb.state()
@@ -64,7 +67,7 @@ def _state(ctx: typer.Context) -> Iterator[State | None]:
 
 
 @contextmanager
-def _open(ctx: typer.Context) -> Iterator[KnowledgeBase | None]:
+def _open(ctx: typer.Context) -> Iterator["KnowledgeBase | None"]:
     url = _url(ctx)
     name = ctx.params.get("kb") or ctx.find_root().params.get("kb")
     known = kbstore.knowledge_bases(url)

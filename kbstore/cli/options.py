@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -12,9 +12,11 @@ from kbstore.cli.commands import STORE
 from kbstore.cli.times import parse_time
 from kbstore.clock import Clock, ManualClock, SystemClock
 from kbstore.errors import KbStoreError, StoreUnavailable
-from kbstore.knowledge_base import KnowledgeBase
-from kbstore.model.results import Transaction
 from kbstore.report.belief import named_transaction
+
+if TYPE_CHECKING:
+    from kbstore.knowledge_base import KnowledgeBase
+    from kbstore.model.results import Transaction
 
 TIMES = "TIME is ISO 8601 with an offset, now, -5m, +1h30m, or nanoseconds."
 
@@ -97,7 +99,7 @@ def store(url: str | None) -> str:
 
 
 @contextmanager
-def reading(url: str | None, kb: str | None, now: str | None) -> Iterator[KnowledgeBase]:
+def reading(url: str | None, kb: str | None, now: str | None) -> Iterator["KnowledgeBase"]:
     """Open the knowledge base read-only. Raises `StoreUnavailable` if the store does not have it."""
     place = store(url)
     name = named(kb, kbstore.knowledge_bases(place), place)
@@ -106,7 +108,7 @@ def reading(url: str | None, kb: str | None, now: str | None) -> Iterator[Knowle
 
 
 @contextmanager
-def writing(url: str | None, kb: str | None, now: str | None, *, creating: bool = True) -> Iterator[KnowledgeBase]:
+def writing(url: str | None, kb: str | None, now: str | None, *, creating: bool = True) -> Iterator["KnowledgeBase"]:
     """Open the knowledge base for writing, and create it if the store does not have it.
 
     Raises `StoreUnavailable` instead of `creating` it, and if the name is not clear.
@@ -124,12 +126,12 @@ def writing(url: str | None, kb: str | None, now: str | None, *, creating: bool 
         yield found
 
 
-def at_time(text: str | None, kb: KnowledgeBase) -> int | None:
+def at_time(text: str | None, kb: "KnowledgeBase") -> int | None:
     """Return the time of an option in nanoseconds; None if it was not given."""
     return None if text is None else parse_time(text, kb.now())
 
 
-def belief(text: str | None, kb: KnowledgeBase) -> int | Transaction | None:
+def belief(text: str | None, kb: "KnowledgeBase") -> "int | Transaction | None":
     """Return the time, or the transaction (``tx12``), that --as-of names; None if it was not given."""
     return (None if text is None else named_transaction(text, kb)) or at_time(text, kb)
 

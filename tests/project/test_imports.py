@@ -89,3 +89,12 @@ def test_completion_of_commands_imports_nothing_of_the_store(words):
     found = modules(COMMAND, _KBSTORE_COMPLETE="complete_bash", COMP_WORDS=words, COMP_CWORD=last)
     assert not packages(found) & (HEAVY - {"typer", "pydantic"})
     assert rooms(found) == {"cli", "errors"}
+
+
+def test_checking_a_schema_imports_no_knowledge_base(tmp_path):
+    """Whoever waits for a store that others upgrade asks often, and about its tables alone."""
+    store = str(tmp_path / "store.db")
+    modules(f"import kbstore; kbstore.open({store!r}).close()")
+    found = modules(COMMAND, "db", "check", "--url", store)
+    assert "alembic" not in packages(found)
+    assert not rooms(found) & {"knowledge_base", "reading", "writing", "evaluation", "planning", "pddl", "transfer"}
