@@ -193,7 +193,8 @@ class _ReadSnapshot(_Checkout):
             if self._has_begun:
                 self._connection.rollback()
         finally:
-            super().__exit__(kind, error, trace)
+            # without super(): an interrupt may come when it has returned
+            self._database.checkin(self._connection)
         if isinstance(error, self._database.errors):
             raise self._database.failure(error) from error
 
@@ -225,4 +226,5 @@ class _Transaction(_Checkout):
             self._connection.rollback()
             raise
         finally:
-            super().__exit__(kind, error, trace)
+            # without super(): an interrupt may come when it has returned
+            self._database.checkin(self._connection)
