@@ -9,7 +9,7 @@ other is evaluated on as much of the state as it reads (`kbstore.reading.lazy_st
 from collections.abc import Callable, Sequence
 from typing import Any, Generic, NamedTuple, TypeVar
 
-from kbstore.clock import OPEN, Clock, TimeLike, time
+from kbstore.clock import OPEN, Clock, TimeLike
 from kbstore.errors import KbStoreError
 from kbstore.evaluation.argument_types import check_types
 from kbstore.evaluation.interpretation import Interpretation, Number
@@ -200,21 +200,15 @@ class Answers:
             found = repository.find(Role.STATE, prepared.kind, [prepared.key])
             timeline = found.get(prepared.key)
             prepared.timeline = repository.generation, timeline
-        t = self._resolver.read_clock() if at is None else at if type(at) is int else time(at)
-        point = repository.value_at(prepared.kind, timeline, t)
-        if at is None and point is not None and point[1] > t:
-            # a caller always sees what it wrote, also where the clock is behind (rule T3)
-            t = point[1]
-            point = repository.value_at(prepared.kind, timeline, t)
-        if point is None:
+        stored = self._resolver.resolve_stored(repository, prepared.kind, timeline, at)
+        if stored is None:
             return None
-        token, latest, history_from, domain_version, last_run, end_time, initial_time = point[:7]
-        value = point[7:] if end_time is not None and end_time > t else None
+        t, point = stored
+        token, _, _, domain_version, _, end_time, initial_time = point[:7]
         version = self._domains.latest
         if domain_version != version.version or t < version.time:
             return None
-        if not self._resolver.is_stored(t, latest, last_run, history_from):
-            return None
+        value = point[7:] if end_time is not None and end_time > t else None
         if value is None and not self._is_plausible(prepared, repository, token, version.domain):
             return None
         answer: _Answer | Number

@@ -9,9 +9,10 @@ from typing import NamedTuple
 
 from kbstore.clock import OPEN, SECOND, TIME_LIMIT, Clock, SystemClock, TimeLike, isoformat, time
 from kbstore.errors import ClockJumped, ClockWentBackwards, HistoryUnavailable
-from kbstore.messages import format_number
+from kbstore.messages import KnowledgeType, format_number
 from kbstore.model.results import AsOf, Transaction
-from kbstore.storage.records import Head, LogPosition, RunRow
+from kbstore.model.timelines import Timeline
+from kbstore.storage.records import Head, LogPosition, RunRow, StoredPoint
 from kbstore.storage.repository import Repository
 
 TOLERANCE = SECOND
@@ -164,15 +165,27 @@ class Resolver:
         """Return the instant of a position in the log, as of that position."""
         return TemporalPoint(position.time, position, True, head, position, position, ())
 
-    def is_stored(self, t: int, latest: int, last_run: int, history_from: int) -> bool:
-        """Return whether the rows that are known now certainly answer for a time, by the head alone.
+    def resolve_stored(
+        self, repository: Repository, kind: KnowledgeType, timeline: Timeline | None, at: TimeLike | None
+    ) -> tuple[int, StoredPoint] | None:
+        """Return the time that a question about one timeline means, and what is stored of the timeline then.
 
-        A quick form of `resolve`, which also reads what runs, and refuses what cannot be answered. `latest`, `last_run`
-        and `history_from` are the head's `time`, `last_run` and `history_from`.
+        A quick form of `resolve`. None if that is needed, which also reads what runs and refuses what cannot be
+        answered: the time is projected or archived, or the store has gone back. `at` is not a text, which may be
+        relative.
         """
+        t = self.read_clock() if at is None else at if type(at) is int else time(at)
+        point = repository.value_at(kind, timeline, t)
+        if at is None and point is not None and point[1] > t:
+            # a caller always sees what it wrote, also where the clock is behind (rule T3)
+            t = point[1]
+            point = repository.value_at(kind, timeline, t)
+        if point is None:
+            return None
+        _, latest, history_from, _, last_run = point[:5]
         if t > latest and (self.is_archive or (last_run and t > self.read_clock())):
-            return False
-        return history_from <= t < TIME_LIMIT
+            return None
+        return (t, point) if history_from <= t < TIME_LIMIT else None
 
     def resolve_span(
         self,
