@@ -251,8 +251,8 @@ def test_a_bound_object_is_looked_up(large, question, most):
     assert [text for text in statements if "data_version" not in text] == []
 
 
-def test_what_was_never_told_is_looked_for_once(large, tmp_path):
-    """The timeline of a fact that was never told is looked up again only when one has been added, by whomever."""
+def test_an_absent_timeline_is_looked_up_once(large, tmp_path):
+    """The timeline of a fact that was never asserted is looked up again only after one was added by any process."""
     kb, statements = large
 
     def looked_up(t):

@@ -1,4 +1,4 @@
-"""A state from a server: exactly what was told."""
+"""The state read from a server is exactly the recorded one."""
 
 import math
 import uuid
@@ -19,7 +19,7 @@ def kb(postgresql_url):
         yield kb
 
 
-def test_everything_comes_back_as_it_was_told(kb):
+def test_a_state_equals_the_recorded_one(kb):
     """Numbers to the last bit and texts in any script, of all knowledge types, of both signs; now, too."""
     numbers = {"tiny": SMALLEST, "huge": -LARGEST, "third": 1 / 3, "zero": -0.0}
     kb.add("kenny - robot", "küche - œuvre", "wp0 - place")
@@ -45,15 +45,15 @@ def test_everything_comes_back_as_it_was_told(kb):
 
 
 def test_a_clock_behind_the_latest_transaction(kb):
-    """Now is the time of the latest transaction then (T3), and a state of it has what that transaction told."""
+    """T3: now is the time of the latest transaction, and its state includes that transaction."""
     kb.add("(at kenny hall)")
     kb._clock.set(START - 1)
     assert [str(item) for item in kb.state().facts] == ["(at kenny hall)"]
     assert kb.state().at == START
 
 
-def test_what_another_process_told_first_is_read_with_it(kb, postgresql_url):
-    """A type of knowledge that this process has not seen yet, told by another one since, is in the state, too."""
+def test_a_new_kind_of_knowledge_of_another_process_is_read(kb, postgresql_url):
+    """The state includes a type of knowledge that only another process has recorded so far."""
     kb.add("(at kenny hall)")
     kb._clock.advance(seconds(10))
     assert len(kb.state().facts) == 1
