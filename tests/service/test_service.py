@@ -53,11 +53,44 @@ def test_each_view_has_a_table_with_its_columns(kb, service):
 
 
 def test_a_value_of_each_column_of_each_view_and_table_can_be_read(kb, service):
-    """The declared types read the values of the database, in all columns."""
+    """What the database has is read as the type that is declared: a number, a text, a bool, or None."""
     with service.connect() as connection:
         for name in sql.__all__:
             if isinstance(getattr(sql, name), sa.Table):
-                connection.execute(sa.select(getattr(sql, name))).all()
+                for row in connection.execute(sa.select(getattr(sql, name))):
+                    for column, value in zip(getattr(sql, name).columns, row, strict=True):
+                        type_ = getattr(column.type, "impl_instance", column.type).python_type
+                        assert value is None or type(value) is type_, f"{name}.{column.name}"
+
+
+def test_one_value_of_each_kind(kb, service):
+    """A text, a bool, a decimal and a whole number, a time as text and in nanoseconds, and an end that is open."""
+    number = kb.add("(not (parcel_at p1 attic))", client="scales").number
+    told, numbers = sql.fact_history.c, sql.current_functions.c
+    with service.connect() as connection:
+        fact = sa.select(
+            told.knowledge_base,
+            told.fact,
+            told.is_negative,
+            told.initial_time,
+            told.end_time,
+            told.initial_ns,
+            told.end_ns,
+            told.recorded_tx,
+            told.recorded_client,
+            told.ended_by,
+        ).where(told.recorded_tx == number)
+        moment = "1970-01-01T00:16:40.000000000Z"
+        assert connection.execute(fact).all() == [
+            ("post", "(not (parcel_at p1 attic))", True, moment, None, seconds(1000), None, number, "scales", None)
+        ]
+        assert connection.execute(sa.select(numbers.function, numbers.value, numbers.rate)).all() == [
+            ("(battery kenny)", 80.0, 0.0)
+        ]
+        stored = sa.select(sql.facts.c.is_negative, sql.facts.c.initial_time, sql.facts.c.end_time)
+        assert connection.execute(stored.where(sql.facts.c.recorded_tx == number)).all() == [
+            (True, seconds(1000), None)
+        ]
 
 
 def test_a_table_of_the_service_is_joined_with_facts(kb, service):
