@@ -83,7 +83,8 @@ class Change(Result):
 
     What late knowledge leaves of an assertion that it supersedes is asserted again: take away what is `superseded`, add
     what is `asserted`, and you have what is known. `broken` has the over-all conditions of runs that are broken from
-    then on (rule O6); only `watch` without a pattern fills it.
+    then on (rule O6); only `watch` without a pattern fills it. `domain` is the name of the domain that the transaction
+    loaded or changed.
     """
 
     number: int
@@ -94,6 +95,7 @@ class Change(Result):
     time: int = 0
     broken: list["Broken"] = field(default_factory=list)
     superseded: list[Assertion] = field(default_factory=list)
+    domain: str | None = field(default=None, compare=False)
 
     @property
     def by_clock(self) -> bool:
@@ -102,7 +104,8 @@ class Change(Result):
 
     def __repr__(self) -> str:
         parts = ("asserted", "ended", "cancelled", "superseded", "broken")
-        what = ", ".join(f"{len(getattr(self, part))} {part}" for part in parts if getattr(self, part))
+        counts = [f"{len(getattr(self, part))} {part}" for part in parts if getattr(self, part)]
+        what = ", ".join(counts if self.domain is None else [f"domain {self.domain!r}", *counts])
         clock = " by the clock" if self.by_clock else ""
         return f"Change({self.number} at {isoformat(self.time)}{clock}: {what or 'nothing'})"
 

@@ -239,6 +239,8 @@ class History:
             cancelled_by[row.cancelled].append(assertions[id(row)])
         for row in rows.superseded:
             superseded_by[row.superseded].append(assertions[id(row)])
+        versions = self._reader.domains.all(repository, head)
+        domains = {version.transaction: version.domain.name for version in versions if version.domain is not None}
         return [
             Change(
                 transaction.number,
@@ -248,6 +250,7 @@ class History:
                 cancelled_by[transaction.number],
                 transaction.time,
                 superseded=superseded_by[transaction.number],
+                domain=domains.get(transaction.number),
             )
             for transaction in transactions
         ]

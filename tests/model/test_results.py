@@ -95,11 +95,26 @@ def test_transactions_changes_and_runs_are_short(story):
     changes = list(story.changes(after=2))
     assert repr(changes[0].transaction) == ("Transaction(3 at 2026-05-04T12:00:01Z by 'mapper': 3 changes, 'seen')")
     assert repr(changes[0]) == "Change(3 at 2026-05-04T12:00:01Z: 3 asserted, 1 ended)"
+    assert repr(next(story.changes())) == "Change(1 at 2026-05-04T12:00:00Z: domain 'rooms')"
     (run,) = story.state().running
     assert repr(run) == "Run('(move kenny lab)', started='2026-05-04T12:00:01Z', 30 s)"
     assert repr(story.end(run)).startswith("Ended(9 at 2026-05-04T12:00:01Z: 2 changes")
     assert repr(story.explain("(lit lab)")).startswith("Explanation('(lit lab) is true: asserted")
     assert repr(story.applicable("move", "kenny", "hall")).startswith("Applicability((lit hall) is false")
+
+
+def test_a_change_names_the_domain_that_it_loads(story):
+    """Also beside what a problem brings, and for what is made sensed; other changes have no domain."""
+    story.set_sensed("lit", True)
+    story.load(
+        "(define (domain halls) (:types robot room) (:predicates (lit ?w - room)))",
+        "(define (problem p) (:domain halls) (:objects attic - room) (:init (lit attic)))",
+        replace=True,
+    )
+    changes = list(story.changes())
+    assert [change.domain for change in changes if change.domain] == ["rooms", "rooms", "halls"]
+    assert changes[-1].to_dict()["domain"] == "halls"
+    assert ": domain 'halls', 2 asserted, " in repr(changes[-1])
 
 
 # -- tables -------------------------------------------------------------------------------------------------------
