@@ -35,13 +35,13 @@ class Flush:
         """Return the row changes that the transaction has to write."""
         writes = self._writes
         if self._set.objects_changed:
-            for track in list(self._objects.values()):
-                if _ends(self._set.lifespans(track)) != _ends(self._set.stored_lifespans(track)):
-                    self._set.mentioning(track)
+            for state in list(self._objects.values()):
+                if _ends(self._set.lifespans(state)) != _ends(self._set.stored_lifespans(state)):
+                    self._set.mentioning(state)
         # only objects with a schedule can end assertions at later times
-        ends = {track.timeline.key: _ends(self._set.lifespans(track)) for track in self._all_scheduled_objects()}
-        for track in self._set.states():
-            self._finish_track(track, ends)
+        ends = {state.timeline.key: _ends(self._set.lifespans(state)) for state in self._all_scheduled_objects()}
+        for state in self._set.states():
+            self._finish(state, ends)
         writes.timelines = list(self._new)
         if writes.late or writes.supersedes:
             writes.late_from = self._set.late_from
@@ -64,21 +64,21 @@ class Flush:
             self._writes.mentions.append((about, timeline))
 
     def _all_scheduled_objects(self) -> list[TimelineState]:
-        found = [track for track in self._objects.values() if track.ahead]
+        found = [state for state in self._objects.values() if state.ahead]
         ids = self._repository.scheduled_objects(self._now)
         if not ids:
             return found
         stored = self._set.loaded(self._repository.timelines_of(ids))
         return list(dict.fromkeys((*stored, *found)))
 
-    def _finish_track(self, track: TimelineState, ends: dict[str, list[int]]) -> None:
+    def _finish(self, state: TimelineState, ends: dict[str, list[int]]) -> None:
         writes = self._writes
-        kind = track.timeline.kind
-        line, changed = self._edited(track) if track.is_edited else self._present(track)
+        kind = state.timeline.kind
+        line, changed = self._edited(state) if state.is_edited else self._present(state)
         is_touched = False
-        if track.has_schedule:
+        if state.has_schedule:
             is_touched = True
-            changed |= self._schedule(track, line)
+            changed |= self._schedule(state, line)
         for index, (start, entry, stored, is_derived) in enumerate(line):
             if entry is None:
                 if stored is not None:
@@ -86,50 +86,50 @@ class Flush:
                 continue
             end = line[index + 1][0] if index + 1 < len(line) else OPEN
             if ends:
-                for name in self._set.mentions(track.timeline, entry):
+                for name in self._set.mentions(state.timeline, entry):
                     end = min(end, min((t for t in ends.get(name, ()) if t > start), default=OPEN))
             if is_derived:
                 if stored is not None and (stored.value != entry or stored.end_time != end):
                     writes.underived.append(stored)
                     stored = None  # noqa: PLW2901 - it is derived anew
                 if stored is None:
-                    writes.derived.append((track.timeline, start, end, entry))
+                    writes.derived.append((state.timeline, start, end, entry))
             elif stored is None:
                 changed = True
-                self._note_new(track.timeline, entry)
+                self._note_new(state.timeline, entry)
                 if start < self._now:
-                    first_recorded = track.pieces(self._now)[-1].first_recorded
-                    writes.late[kind].append(LateAssertion(track.timeline, start, end, entry, first_recorded, None))
+                    first_recorded = state.pieces(self._now)[-1].first_recorded
+                    writes.late[kind].append(LateAssertion(state.timeline, start, end, entry, first_recorded, None))
                 else:
-                    writes.adds[kind].append((track.timeline, start, end, entry))
+                    writes.adds[kind].append((state.timeline, start, end, entry))
             elif stored.end_time != end:
                 is_touched = True
                 writes.settles[kind].append((stored, end))
         writes.changes += changed
-        if track.timeline.id and (is_touched or changed):
-            writes.touched.append(track.timeline)
+        if state.timeline.id and (is_touched or changed):
+            writes.touched.append(state.timeline)
 
-    def _present(self, track: TimelineState) -> tuple[Line, bool]:
+    def _present(self, state: TimelineState) -> tuple[Line, bool]:
         """Return the assertion that holds now on a timeline, if any, and whether that has changed."""
         writes = self._writes
-        base = track.base(self._now)
-        if base is not None and track.value == value_now(track.timeline.kind, base, self._now):
+        base = state.base(self._now)
+        if base is not None and state.value == value_now(state.timeline.kind, base, self._now):
             return [(base.initial_time, base.value, base, False)], False
         if base is not None:
-            cause = track.cause if track.value is None else EndCause.REPLACED
-            writes.ends[track.timeline.kind].append((base, cause))
-        return ([] if track.value is None else [(self._now, track.value, None, False)]), base is not None
+            cause = state.cause if state.value is None else EndCause.REPLACED
+            writes.ends[state.timeline.kind].append((base, cause))
+        return ([] if state.value is None else [(self._now, state.value, None, False)]), base is not None
 
-    def _schedule(self, track: TimelineState, line: Line) -> bool:
+    def _schedule(self, state: TimelineState, line: Line) -> bool:
         """Add the scheduled and the derived assertions to a line, and return whether something is cancelled."""
         writes = self._writes
-        kind = track.timeline.kind
-        for t in sorted({**track.derived, **track.ahead}):
-            if t not in track.ahead:
-                line.append((t, track.derived[t], track.stored_derived.get(t), True))
+        kind = state.timeline.kind
+        for t in sorted({**state.derived, **state.ahead}):
+            if t not in state.ahead:
+                line.append((t, state.derived[t], state.stored_derived.get(t), True))
                 continue
-            stored = track.stored_ahead.get(t)
-            value = track.ahead[t]
+            stored = state.stored_ahead.get(t)
+            value = state.ahead[t]
             if stored is not None and _same_but_rate(kind, stored.value, value):
                 line.append((t, value, stored, False))
                 if stored.value != value:
@@ -138,24 +138,24 @@ class Flush:
                 line.append((t, value, None, False))
         cancelled = [
             stored
-            for t, stored in track.stored_ahead.items()
-            if t not in track.ahead or not _same_but_rate(kind, stored.value, track.ahead[t])
+            for t, stored in state.stored_ahead.items()
+            if t not in state.ahead or not _same_but_rate(kind, stored.value, state.ahead[t])
         ]
         if cancelled:
             writes.cancels[kind] += cancelled
-        writes.underived += [row for t, row in track.stored_derived.items() if t not in track.derived]
+        writes.underived += [row for t, row in state.stored_derived.items() if t not in state.derived]
         return bool(cancelled)
 
-    def _edited(self, track: TimelineState) -> tuple[Line, bool]:
+    def _edited(self, state: TimelineState) -> tuple[Line, bool]:
         """Return the same as `_present` for a timeline whose past was changed by late knowledge (rule L8)."""
         writes = self._writes
-        kind = track.timeline.kind
-        assert track.past is not None
-        pieces = {piece.start: piece for piece in track.pieces(self._now)}
-        is_ended_now = track.is_ended_now(self._now)
+        kind = state.timeline.kind
+        assert state.past is not None
+        pieces = {piece.start: piece for piece in state.pieces(self._now)}
+        is_ended_now = state.is_ended_now(self._now)
         kept: dict[int, StoredAssertion] = {}
         changed = False
-        for row in track.past.rows:
+        for row in state.past.rows:
             stored, start = row.stored, row.stored.initial_time
             piece = pieces.get(start)
             end = piece.end if piece is not None and piece.value == stored.value else None
@@ -164,7 +164,7 @@ class Flush:
                 continue
             changed = True
             if stored.end_time > self._now and self._now in (start, end):
-                writes.ends[kind].append((stored, track.cause if track.value is None else EndCause.REPLACED))
+                writes.ends[kind].append((stored, state.cause if state.value is None else EndCause.REPLACED))
                 if start < self._now:
                     kept[start] = stored
             else:
@@ -177,10 +177,10 @@ class Flush:
                 changed = True
                 ended = None if piece.end in pieces else piece.ended
                 if piece.end == self._now and ended is None and is_ended_now:
-                    ended = (None, track.cause)
-                self._note_new(track.timeline, piece.value)
+                    ended = (None, state.cause)
+                self._note_new(state.timeline, piece.value)
                 writes.late[kind].append(
-                    LateAssertion(track.timeline, start, piece.end, piece.value, piece.first_recorded, ended)
+                    LateAssertion(state.timeline, start, piece.end, piece.value, piece.first_recorded, ended)
                 )
         return line, changed
 
