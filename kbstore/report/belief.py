@@ -2,16 +2,13 @@
 
 import re
 from contextlib import suppress
-from typing import TYPE_CHECKING
 
 from kbstore.errors import InvalidTime, StoreWentBack
 from kbstore.model.results import Transaction
-
-if TYPE_CHECKING:
-    from kbstore.knowledge_base import KnowledgeBase
+from kbstore.report.source import RecordSource
 
 
-def named_transaction(text: str, kb: "KnowledgeBase") -> Transaction | None:
+def named_transaction(text: str, kb: RecordSource) -> Transaction | None:
     """Return the transaction that ``tx12`` or ``#12`` names; None for any other text.
 
     Raises `InvalidTime` if there is no transaction of that number.

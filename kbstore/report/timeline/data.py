@@ -13,7 +13,7 @@ expected, in order.
 """
 
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from kbstore.clock import OPEN
 from kbstore.errors import KbStoreError
@@ -22,10 +22,8 @@ from kbstore.model.results import Assertion, Change, Run, Transaction
 from kbstore.model.timelines import Timeline, Value
 from kbstore.names import bracketed, key
 from kbstore.reading.state import State
+from kbstore.report.source import RecordSource
 from kbstore.report.timeline.lanes import Lanes
-
-if TYPE_CHECKING:
-    from kbstore.knowledge_base import KnowledgeBase
 
 Row = list[Any]
 
@@ -36,7 +34,7 @@ CANCELLED, SUPERSEDED = 1, 2
 
 
 def timeline_data(
-    kb: "KnowledgeBase",
+    kb: RecordSource,
     patterns: Sequence[str] = (),
     *,
     since: int | None = None,
@@ -65,7 +63,7 @@ class _Collector:
 
     def __init__(
         self,
-        kb: "KnowledgeBase",
+        kb: RecordSource,
         patterns: Sequence[str],
         since: int | None,
         until: int | None,
