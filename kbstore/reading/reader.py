@@ -142,8 +142,11 @@ class Reader:
                 t = self.resolver.read_clock() if at is None else at
                 if type(t) is int and 0 <= t < TIME_LIMIT and self._states.find(t) is None:
                     repository.read_state(t)
-                    # now is no earlier than the latest transaction (rule T3)
-                    at = t if at is not None or t >= repository.head().time else None
+                    while at is None and t < repository.head().time:
+                        # now is no earlier than the latest transaction (rule T3), and others may be committed meanwhile
+                        t = repository.head().time
+                        repository.read_state(t)
+                    at = t
             return self.state(repository, self.resolver.resolve(repository, at, as_of))
 
     def state(self, repository: Repository, point: TemporalPoint) -> State:

@@ -52,6 +52,28 @@ def test_a_clock_behind_the_latest_transaction(kb):
     assert kb.state().at == START
 
 
+def test_a_transaction_committed_while_the_clock_is_behind(kb, postgresql_url, monkeypatch):
+    """T3: a state includes all of another process's transaction, or nothing, if the state's time was not known."""
+    kb.add("(at kenny hall)")
+    kb._clock.set(START - 1)
+    resolve = kb._reader.resolver.resolve
+    written = []
+
+    def write_and_resolve(*args):
+        with kbstore.open(postgresql_url, kb.name, clock=kb._clock) as other, other.transaction() as tx:
+            tx.remove("(at kenny hall)")
+            tx.add("(= (battery kenny) 80)")
+        written.append(tx.result)
+        return resolve(*args)
+
+    monkeypatch.setattr(kb._reader.resolver, "resolve", write_and_resolve)
+    state = kb.state()
+    assert [transaction.changes for transaction in written] == [2]
+    assert [str(item) for item in (*state.facts, *state.functions)] == ["(at kenny hall)"]
+    monkeypatch.undo()
+    assert [str(item) for item in (*kb.state().facts, *kb.state().functions)] == ["(= (battery kenny) 80)"]
+
+
 def test_a_new_kind_of_knowledge_of_another_process_is_read(kb, postgresql_url):
     """The state includes a type of knowledge that only another process has recorded so far."""
     kb.add("(at kenny hall)")
