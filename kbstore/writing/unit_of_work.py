@@ -70,9 +70,7 @@ class OpenTransaction:
         self._note = note
         self._expect = expect
         self._validate = validate
-        self._is_whole = True
         self._is_open = False
-        self._loads: list[str] = []
         self._refuse_writing = refuse_writing
         self._writing = writing
         self._context: AbstractContextManager[object] | None = None
@@ -93,6 +91,10 @@ class OpenTransaction:
 
     def _begin(self, repository: Repository) -> None:
         reader = self._reader
+        # another block may have been left with this transaction before
+        vars(self).pop("result", None)
+        self._is_whole = True
+        self._loads: list[str] = []
         self._repository = repository
         self._head = repository.head(for_update=True)
         if self._head.source is not None:
@@ -132,16 +134,20 @@ class OpenTransaction:
             return
         self._is_open = self._writing.open = False
         try:
-            if kind is None:
-                with gc_paused():
-                    self.result = self._store()
-        except BaseException as failure:
-            context.__exit__(type(failure), failure, failure.__traceback__)
-            raise
-        context.__exit__(kind, error, trace)
-        if kind is None:
-            self._repository.committed()
-        self._release()
+            result = None
+            try:
+                if kind is None:
+                    with gc_paused():
+                        result = self._store()
+            except BaseException as failure:
+                context.__exit__(type(failure), failure, failure.__traceback__)
+                raise
+            context.__exit__(kind, error, trace)
+            if result is not None:
+                self.result = result
+                self._repository.committed()
+        finally:
+            self._release()
 
     def _release(self) -> None:
         """Free the transaction's objects, before the garbage collector traverses all of them."""

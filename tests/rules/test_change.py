@@ -1,11 +1,13 @@
 """Rules C1 to C8 and C11: the effect of each write on its timelines."""
 
+from contextlib import suppress
+
 import pytest
 
 import kbstore
 from kbstore import AssignOp, Fact, Function, Instance, UpdateType, seconds
 from tests.conftest import START
-from tests.rules.reading import facts, instances, intervals, picture, scheduled
+from tests.rules.reading import facts, instances, intervals, picture, scheduled, texts
 
 ADD, REMOVE = UpdateType.ADD_KNOWLEDGE, UpdateType.REMOVE_KNOWLEDGE
 
@@ -23,6 +25,41 @@ def test_a_transaction_is_all_or_nothing(kb):
     with pytest.raises(kbstore.InvalidKnowledge):
         kb.update([(ADD, item("(raining)")), (REMOVE, item("wp0 - place")), (ADD, item("(open nowhere)"))])
     assert picture(kb) == before
+
+
+def test_another_block_with_a_transaction_that_stored_nothing(bare):
+    """C1: it sees and stores its own updates, and nothing of those that were rolled back."""
+    tx = bare.transaction()
+    text = "(define (domain d) (:predicates (p) (q)))"
+
+    def begin_and_fail():
+        with tx:
+            tx.load(text, once=True)
+            tx.add("(p)")
+            tx.load("(define (domain e)")
+
+    def load_half_of_a_domain():
+        with tx:
+            tx.add("(p)")
+            assert tx.holds("(p)")
+            with suppress(kbstore.PddlSyntaxError):
+                tx.load("(define (domain e)")
+
+    with pytest.raises(kbstore.PddlSyntaxError):
+        begin_and_fail()
+    with tx:
+        tx.load(text, once=True)
+        assert texts(tx.state().facts) == []
+    assert tx.result.changes == 1
+    assert bare.domain.name == "d"
+    with pytest.raises(kbstore.InvalidKnowledge, match="half-way"):
+        load_half_of_a_domain()
+    assert not hasattr(tx, "result")
+    with tx:
+        assert texts(tx.state().facts) == []
+        tx.add("(q)")
+        assert texts(tx.state().facts) == ["(q)"]
+    assert facts(bare) == ["(q)"]
 
 
 def test_updates_apply_in_their_order(kb):
