@@ -43,6 +43,13 @@ def is_connected(driver: Any, error: type[Exception]) -> bool:
     return True
 
 
+def _gets_bytes(driver: Any) -> bool:
+    """Return whether answers can come in binary format, to which psycopg's client-side cursors have no access."""
+    from psycopg import ClientCursor
+
+    return not issubclass(driver.cursor_factory, ClientCursor)
+
+
 class PostgresqlConnection(StoreConnection):
     """A connection to a PostgreSQL server."""
 
@@ -65,6 +72,7 @@ class PostgresqlConnection(StoreConnection):
         self._unheard: set[int] = set()
         """The knowledge bases to which nobody listens, or will until this transaction ends."""
         self._patience: float | None = getattr(driver, "answer_timeout", None)
+        self._is_binary = _gets_bytes(driver)
         self.lend(options)
 
     def lend(self, options: Options) -> None:
@@ -211,12 +219,12 @@ class PostgresqlConnection(StoreConnection):
         texts = [(self._text(statement), parameters) for statement, parameters in reads]
         try:
             if len(texts) == 1 and self._is_waiting:
-                return [self.driver.execute(*texts[0], binary=True).fetchall()]
+                return [self.driver.execute(*texts[0], binary=self._is_binary).fetchall()]
             with self.driver.pipeline():
                 if self._is_waiting:
                     self._has_begun()
                     self._execute(_READING)
-                answers = [self._execute(text, parameters, binary=True) for text, parameters in texts]
+                answers = [self._execute(text, parameters, binary=self._is_binary) for text, parameters in texts]
             return [answer.fetchall() for answer in answers]
         except self._error as error:
             raise self._failure(error) from error

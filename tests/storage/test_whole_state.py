@@ -3,7 +3,9 @@
 import math
 import uuid
 
+import psycopg
 import pytest
+import sqlalchemy as sa
 
 import kbstore
 from kbstore import ManualClock, seconds
@@ -42,6 +44,18 @@ def test_a_state_equals_the_recorded_one(kb):
         assert {str(item) for item in state.inequalities} == {"(> (tiny) 5)", "(not (<= (huge) (third)))"}
         assert {str(item) for item in state.goals} == {"(at kenny wp0)", "(or (at kenny küche) (at kenny wp0))"}
         assert state.metric.optimization == "minimize"
+
+
+def test_a_caller_with_client_side_cursors_reads_the_same_state(kb, postgresql_url):
+    """On an engine whose cursors have no binary answers, numbers and bytes are read as text."""
+    kb.add("kenny - robot", "(at kenny küche)", "(= (third) 0.3333333333333333)", f"(= (huge) {-LARGEST!r})")
+    kb.add("(at kenny lab)", initial_time=START + seconds(60))
+    engine = sa.create_engine(postgresql_url, connect_args={"cursor_factory": psycopg.ClientCursor})
+    with kbstore.open(engine, kb.name, clock=kb._clock) as other:
+        for at in (None, START, START + seconds(70)):
+            assert other.state(at).to_dict() == kb.state(at).to_dict()
+        assert other.add("(at kenny hall)").changes == 1
+    engine.dispose()
 
 
 def test_a_clock_behind_the_latest_transaction(kb):
