@@ -2,13 +2,16 @@
 
 import re
 from contextlib import suppress
+from typing import TYPE_CHECKING
 
 from kbstore.errors import InvalidTime, StoreWentBack
 from kbstore.model.results import Transaction
-from kbstore.report.source import RecordSource
+
+if TYPE_CHECKING:
+    from kbstore.report.source import RecordSource
 
 
-def named_transaction(text: str, kb: RecordSource) -> Transaction | None:
+def named_transaction(text: str, kb: "RecordSource") -> Transaction | None:
     """Return the transaction that ``tx12`` or ``#12`` names; None for any other text.
 
     Raises `InvalidTime` if there is no transaction of that number.

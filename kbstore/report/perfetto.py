@@ -11,21 +11,23 @@ so that nanoseconds are exact within 104 days.
 
 import json
 from collections.abc import Iterator
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from kbstore.clock import TimeLike
 from kbstore.messages import Fact, Function
 from kbstore.model.results import AsOf, Assertion, Run, Transaction
 from kbstore.names import key
 from kbstore.report.relations import end_value, nine_decimals
-from kbstore.report.source import RecordSource
+
+if TYPE_CHECKING:
+    from kbstore.report.source import RecordSource
 
 Place = tuple[int, int]
 """A process and a thread."""
 
 
 def trace_text(
-    kb: RecordSource,
+    kb: "RecordSource",
     since: TimeLike | None = None,
     until: TimeLike | None = None,
     as_of: AsOf | None = None,

@@ -5,13 +5,16 @@ import io
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import TYPE_CHECKING
 
 from kbstore.clock import SECOND, TimeLike, isoformat
 from kbstore.errors import InvalidKnowledge
 from kbstore.messages import Fact, Function
 from kbstore.model.results import AsOf, Assertion, Run, Transaction
 from kbstore.model.timelines import moved
-from kbstore.report.source import RecordSource
+
+if TYPE_CHECKING:
+    from kbstore.report.source import RecordSource
 
 Cell = str | int | float | bool | None
 Row = tuple[Cell, ...]
@@ -85,7 +88,7 @@ COLUMNS = {
 
 
 def relation(
-    kb: RecordSource,
+    kb: "RecordSource",
     of: str,
     pattern: str | None = None,
     since: TimeLike | None = None,

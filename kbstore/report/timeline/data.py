@@ -13,7 +13,7 @@ expected, in order.
 """
 
 from collections.abc import Iterator, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from kbstore.clock import OPEN
 from kbstore.errors import KbStoreError
@@ -22,8 +22,10 @@ from kbstore.model.results import Assertion, Change, Run, Transaction
 from kbstore.model.timelines import Timeline, Value
 from kbstore.names import bracketed, key
 from kbstore.reading.state import State
-from kbstore.report.source import RecordSource
 from kbstore.report.timeline.lanes import Lanes
+
+if TYPE_CHECKING:
+    from kbstore.report.source import RecordSource
 
 Row = list[Any]
 
@@ -34,7 +36,7 @@ CANCELLED, SUPERSEDED = 1, 2
 
 
 def timeline_data(
-    kb: RecordSource,
+    kb: "RecordSource",
     patterns: Sequence[str] = (),
     *,
     since: int | None = None,
@@ -63,7 +65,7 @@ class _Collector:
 
     def __init__(
         self,
-        kb: RecordSource,
+        kb: "RecordSource",
         patterns: Sequence[str],
         since: int | None,
         until: int | None,
