@@ -337,7 +337,7 @@ class KnowledgeBase:
 
         def begin() -> OpenTransaction:
             reader.memory = copy(self._reader.memory)
-            reader.memory.timelines = TimelineCache()
+            reader.memory.timelines = TimelineCache(reader.memory.bound)
             return self._transaction(reader, client=client, note=note)
 
         return ingest(begin, items, batch=batch, progress=progress)

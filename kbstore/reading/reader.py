@@ -95,7 +95,7 @@ class Reader:
         made.domains = self.domains.copy()
         made.questions = PreparedQuestions(use_unknowns=self.use_unknowns, caching=False)
         made._states = LRU(0)
-        made.memory = StoreMemory(self.name)
+        made.memory = StoreMemory(self.name, self.memory.bound)
         made.memory.progress.seen = self.memory.progress.seen
         made.memory.when_gone_back(made._forget)
         return made

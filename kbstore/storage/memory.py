@@ -120,6 +120,7 @@ class StoreMemory:
     A copy shares everything but the timelines.
 
     Attributes:
+        bound: the most timelines that are cached; 0: none.
         timelines: those that have been read or written.
         open_rows: the rows that a writer need not read.
         progress: how far the record has been seen.
@@ -129,7 +130,7 @@ class StoreMemory:
         self.name = name
         self.timelines = TimelineCache(bound)
         self.open_rows = OpenRows(min(bound, OPEN_ROWS))
-        self._bound = bound
+        self.bound = bound
         self.progress = LogEnd()
         self.progress.forgetting.append(self._forget_timelines)
 
@@ -190,7 +191,7 @@ class StoreMemory:
         raise went_back(self.name, own.number, now.number)
 
     def _forget_timelines(self) -> None:
-        self.timelines = TimelineCache(self._bound)
+        self.timelines = TimelineCache(self.bound)
 
 
 def went_back(name: str, known: int, now: int) -> StoreWentBack:

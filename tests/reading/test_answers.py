@@ -7,6 +7,7 @@ import pytest
 
 import kbstore
 from kbstore import InvalidKnowledge, KbStoreError, seconds
+from kbstore.storage.memory import TimelineCache
 from kbstore.storage.sqlite_connection import SqliteConnection
 from tests.conftest import START
 
@@ -344,3 +345,14 @@ def test_a_part_of_the_state_is_read_by_itself(large, ask):
     kb, statements = large
     ask(kb)
     assert not [text for text in statements if WHOLE in text and "facts" in text]
+
+
+def test_without_a_cache_ingestion_keeps_no_timelines(tmp_path, monkeypatch):
+    """`cache=False` also holds for the caches that a batch of `ingest` has, and one without reads what it wrote."""
+    bounds = []
+    made = TimelineCache.__init__
+    monkeypatch.setattr(TimelineCache, "__init__", lambda self, bound=9: bounds.append(bound) or made(self, bound))
+    with kbstore.open(tmp_path / "store.db", cache=False) as kb:
+        kb.ingest(["(p a)", "(p b)", "(not (p a))"], batch=1)
+        assert kb.holds("(and (p b) (not (p a)))")
+    assert set(bounds) == {0}
