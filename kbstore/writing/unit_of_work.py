@@ -11,7 +11,7 @@ from types import TracebackType
 from typing import Self, TypeVar
 
 from kbstore.clock import DurationLike, TimeLike, isoformat, time
-from kbstore.errors import Conflict, InvalidKnowledge, KbStoreError, StoreUnavailable
+from kbstore.errors import Conflict, InvalidKnowledge, StoreUnavailable
 from kbstore.interop.up_loading import PlanningProblem, sources
 from kbstore.messages import KnowledgeType, UpdateType
 from kbstore.messages.gc_pause import gc_paused
@@ -117,13 +117,13 @@ class OpenTransaction:
         self._use_symbols(symbols)
 
     def _use_symbols(self, symbols: SymbolTable) -> None:
-        self._symbols = symbols
-        self._handlers = Handlers(
+        handlers = Handlers(
             self._change_set,
             self._repository,
             symbols if self._validate else SymbolTable(None, {}),
             self._executor.abort_with,
         )
+        self._symbols, self._handlers = symbols, handlers
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
@@ -166,7 +166,9 @@ class OpenTransaction:
     def _store(self) -> Transaction:
         """Write the changes, if there are any (rule C1), and return the transaction."""
         if not self._is_whole:
-            raise InvalidKnowledge("a load has failed half-way in this transaction; nothing of it has been stored")
+            raise InvalidKnowledge(
+                "a load or an update has failed half-way in this transaction; nothing of it has been stored"
+            )
         if self._reader.use_unknowns:
             self._handlers.end_uncertain()
         if not self._executor.is_idle:
@@ -194,16 +196,21 @@ class OpenTransaction:
 
     def _atomically(self, act: Callable[[], Result]) -> Result:
         """Call a function; if it raises an error, undo everything that it changed, runs included (rule C1)."""
+        # an interrupt, which may come at any point, is not undone: the transaction stores nothing then
+        was_whole, self._is_whole = self._is_whole, False
         self._change_set.savepoint()
         runs, inferred = self._executor.copy(), dict(self._symbols.inferred)
         try:
-            return act()
-        except KbStoreError:
+            result = act()
+        except Exception:
             self._change_set.roll_back()
             self._executor.restore(runs)
             self._symbols.inferred.clear()
             self._symbols.inferred.update(inferred)
+            self._is_whole = was_whole
             raise
+        self._is_whole = was_whole
+        return result
 
     # -- updates ----------------------------------------------------------------------------------------------
 
@@ -352,8 +359,13 @@ class OpenTransaction:
 
     def clear(self) -> None:
         """End everything that holds, cancel everything scheduled, abort what runs (rule C12)."""
-        self._open_handlers().clear()
-        self._executor.abort_all()
+        handlers = self._open_handlers()
+
+        def clear() -> None:
+            handlers.clear()
+            self._executor.abort_all()
+
+        self._atomically(clear)
 
     # -- domains and problems ---------------------------------------------------------------------------------
 

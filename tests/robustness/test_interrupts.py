@@ -119,3 +119,50 @@ def works_on(kb, other, moment):
     assert {str(fact) for fact in kb.state().facts} == {"(open hall)"}, moment
     assert not other.holds("(lit den)"), moment
     assert not any(connection.uses for connection in kb._database._connections._open), moment
+
+
+UPDATES = {
+    "add": lambda tx: tx.add("(open den)", "lamp - thing", "(lit den)"),
+    "remove": lambda tx: tx.remove("(open hall)", "hall"),
+    "clear": lambda tx: tx.clear(),
+    "start": lambda tx: tx.start("close", "hall"),
+}
+
+DOMAIN = """
+(define (domain rooms)
+  (:requirements :typing :durative-actions)
+  (:types thing)
+  (:constants den - object)
+  (:predicates (open ?x) (lit ?x))
+  (:durative-action close :parameters (?x) :duration (= ?duration 5) :condition (at start (open ?x))
+    :effect (and (at start (not (open ?x))) (at start (lit ?x)))))
+"""
+
+
+@pytest.mark.parametrize("update", UPDATES.values(), ids=UPDATES)
+def test_an_interrupt_that_is_caught_in_the_block_leaves_no_half_of_an_update(update, no_collection):
+    """C1: the update is stored as a whole or not at all, whatever follows it in the transaction."""
+    seen = set()
+    for n in itertools.count():
+        interrupt = Interrupt(n)
+        with kbstore.open("sqlite://") as kb:
+            kb.load(DOMAIN)
+            kb.add("hall - thing", "(open hall)")
+            with contextlib.suppress(kbstore.InvalidKnowledge), kb.transaction() as tx:
+                try:
+                    sys.setprofile(interrupt)
+                    update(tx)
+                except KeyboardInterrupt:
+                    pass
+                finally:
+                    sys.setprofile(None)
+                tx.add("(open den)")
+            state = kb.state()
+            content = (*state.instances, *state.facts, *(run.action for run in state.running))
+            seen.add(tuple(sorted(map(str, content))))
+        if interrupt.moment is None:
+            break
+    before = ("(open hall)", "hall - thing")
+    assert before in seen
+    # without the interrupt, or with one before or after the whole update
+    assert len(seen - {before, ("(open den)", *before)}) == 1
