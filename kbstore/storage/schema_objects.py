@@ -43,7 +43,7 @@ VIEWS = (
 
 _NAMES = frozenset((*tables.metadata.tables, *VIEWS, VERSION_TABLE))
 
-_HASH = "79cdaa44a8644499323bf000603700209a22c05d56b7590a08490168c6412a7b"
+_HASH = "cdc20b245e33ed1c3982e187348f7339386cc254f546b33fcdb3ec6c6a31c896"
 """The hash of the statements that the migrations leave in an SQLite file."""
 
 

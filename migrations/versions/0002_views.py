@@ -163,10 +163,11 @@ def asserted(table: str, role: int = STATE, own: str = "f.*") -> str:
 def object_end() -> str:
     """The transaction that recorded the end of an object, and with it that of an assertion which mentions the object.
 
-    What begins at a time is found by the index of beginnings, on each level; the negative ones have what is superseded.
+    What begins at a time is found by the index of beginnings, on each level; the negative ones have what is superseded,
+    the lowest what was cancelled, or removed at the same time.
     """
     levels = (
-        f"WITH RECURSIVE levels(h) AS (SELECT {-1 - OPEN_LEVEL} UNION ALL SELECT h + 1 FROM levels"
+        f"WITH RECURSIVE levels(h) AS (SELECT {EMPTY} UNION ALL SELECT h + 1 FROM levels"
         f" WHERE h < {OPEN_LEVEL}) SELECT h FROM levels"
     )
     among, hint = f"= ANY(ARRAY({levels}))", ""
@@ -175,7 +176,8 @@ def object_end() -> str:
     return f"""
       SELECT min(o.recorded_tx) FROM instances o{hint} CROSS JOIN mentions m
       WHERE o.kb_id = f.kb_id AND o.level {among}
-        AND o.initial_time = f.end_time AND o.is_negative AND (o.retired_tx IS NULL OR o.retired_tx > f.recorded_tx)
+        AND o.initial_time = f.end_time AND o.is_negative AND NOT (o.level = {EMPTY} AND o.ended_tx IS NULL)
+        AND (o.retired_tx IS NULL OR o.retired_tx > f.recorded_tx)
         AND m.kb_id = f.kb_id AND m.object_id = o.timeline_id AND m.timeline_id = f.timeline_id"""
 
 

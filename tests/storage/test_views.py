@@ -59,6 +59,27 @@ def test_the_views_of_history_agree_with_history(world):
     assert sorted(shown, key=repr) == sorted(objects, key=repr)
 
 
+def test_everything_is_cleared_at_the_scheduled_end_of_an_object(bare, clock):
+    """C12: the transaction that scheduled the end ended the facts about the object; one that was cancelled did not."""
+    bare.add("wp0 - place", "wp1 - place", "(open wp0)", "(open wp1)")
+    end = clock.now() + seconds(5)
+    scheduled = bare.add("(not (wp0 - place))", "(not (wp1 - place))", initial_time=end)
+    bare.remove("(not (wp1 - place))", initial_time=end)
+    clock.set(end)
+    cleared = bare.clear()
+    execute, _ = reading(bare)
+    rows = execute(
+        f"SELECT fact, ended_tx, end_ns, ended_by FROM fact_history WHERE knowledge_base = '{bare.name}' ORDER BY fact"
+    )
+    assert rows == [
+        ("(open wp0)", scheduled.number, end, "object"),
+        ("(open wp1)", cleared.number, end, "cleared"),
+    ]
+    assert [(str(found.item), found.ended.number, found.end_time) for found in bare.history("(open ?)")] == [
+        row[:3] for row in rows
+    ]
+
+
 def test_the_view_of_runs_agrees_with_runs(open_kb, clock):
     """Q8: `run_history` has each run with its times, outcome, forced conditions, and transactions."""
     kb = open_kb()
