@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from itertools import pairwise
+from operator import itemgetter
 
 from kbstore.clock import OPEN
 from kbstore.messages import KnowledgeType
@@ -158,12 +159,19 @@ class Past:
         return None
 
     def _superseded(self, state: TimelineState, start: int, end: int) -> list[Piece]:
-        """Return the superseded pieces of a timeline in a span, the latest first."""
+        """Return the superseded pieces of a timeline in a span, the latest first; each ends when it was superseded.
+
+        Of what ran after that they say nothing.
+        """
         assert state.past is not None
         timelines = [state.timeline] if state.timeline.id else []
         rows = self._repository.history(state.timeline.kind, timelines, start, min(end, self._now))
-        superseded = sorted((row for row in rows if row.superseded), key=lambda row: row.superseded or 0, reverse=True)
-        pieces = [Piece(row.initial_time, row.end_time, row.value) for row in superseded]
+        found = sorted(((row.superseded, row) for row in rows if row.superseded), key=itemgetter(0), reverse=True)
+        times = {row[0]: row[1] for row in self._repository.transactions(number for number, _ in found)}
+        # a transaction that has been archived was before the span
+        pieces = [
+            Piece(row.initial_time, min(row.end_time, times.get(number, start)), row.value) for number, row in found
+        ]
         return [piece_of(row, OPEN) for row in state.past.rows] + pieces
 
     def _undefined(

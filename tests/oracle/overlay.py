@@ -178,7 +178,11 @@ class Overlay(Updating):
             self.completed += found
             numbers = [replace(n, arguments=start.ground(n.arguments)) for n in start.action.numbers_at_end]
             decided = [effect for run in found for effect in run.decided]
+            before = len(self.failures)
             self._affect([*start.facts(start.action.at_end), *decided], numbers)
+            if len(self.failures) > before:
+                # an effect changes a number that is not defined any more (rule O3)
+                self.failures[before:] = [Refused("NotApplicable", str(start))]
 
     def _sensed(self, items: Iterable[Effect]) -> Iterator[Effect]:
         """The effects that are left to sensors (rule O8)."""

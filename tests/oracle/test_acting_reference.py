@@ -104,3 +104,16 @@ def test_effects_on_sensed_symbols_are_expected_and_not_written():
     assert levels(kb, 2, 4, 7, 9, clock=4) == [0, 0, 6, 6]
     kb.write(5 * S, [add(SHUT)])
     assert [kb.world().truth(OPEN, t * S, run) for t in (2, 4, 5)] == [True, True, False]
+
+
+def test_an_end_that_changes_an_undefined_number_is_refused():
+    """O3: nothing of it happens, and with the number defined again it ends."""
+    kb = reference()
+    widen = RefAction("widen", (), numbers_at_end=(Number("level", (), 2.0, operation="increase"),))
+    kb.write(2 * S, [start(widen, 9)])
+    kb.write(3 * S, [Update("remove", number("level", 0.0))])
+    with pytest.raises(Refused, match="NotApplicable"):
+        kb.write(4 * S, [Update("end", Start(widen, (), 9 * S))])
+    kb.write(5 * S, [add(number("level", 3.0))])
+    kb.write(6 * S, [Update("end", Start(widen, (), 9 * S))])
+    assert levels(kb, 5, 6) == [3, 5]

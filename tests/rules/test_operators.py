@@ -383,6 +383,21 @@ def test_a_run_of_a_removed_object_cannot_end(depot, clock):
         depot.end(run)
 
 
+def test_an_end_that_changes_an_undefined_number_is_refused(depot, clock):
+    """O3: the error says what to do, nothing of the end is stored, and with the number defined again it ends."""
+    run = depot.start(*ROUTE)
+    clock.set(START + seconds(5))
+    depot.remove("(log)")
+    with pytest.raises(kbstore.NotApplicable, match=r"\(log\) has no value.*mend the state, or abort\(\) it"):
+        depot.end(run)
+    assert [each.number for each in depot.state().running] == [run.number]
+    assert not depot.holds("(near kenny wp1)")
+    depot.add("(= (log) 3)")
+    depot.end(run)
+    assert depot.holds("(near kenny wp1)")
+    assert depot.value("(log)") == 3 + run.duration / seconds(1)
+
+
 def test_clear_aborts_runs(depot, clock):
     """C12: in the same transaction."""
     depot.start(*ROUTE)

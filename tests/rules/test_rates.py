@@ -132,6 +132,19 @@ def test_a_late_number_does_not_move_while_a_rate_was_undefined(tanks, clock):
     assert level(tanks, 1, 3, 6, 8, 9) == [1, 10, 10, 14, 16]
 
 
+@pytest.mark.parametrize("recorded", [20, 25], ids=["at its end", "after its end"])
+def test_a_number_recorded_late_stops_with_the_run_that_moved_it(tanks, clock, recorded):
+    """L6: what was superseded while a run moved it says nothing of the rate after that."""
+    run = tanks.start("fill", "a")
+    at(clock, 10)
+    tanks.remove("(level a)", since=START + seconds(5))
+    at(clock, 20)
+    tanks.abort(run)
+    at(clock, recorded)
+    tanks.add("(= (level a) 7)", since=START + seconds(8))
+    assert level(tanks, 4, 8, 10, 20, 25, 30) == [4, 7, 9, 19, 19, 19]
+
+
 def test_a_rate_does_not_follow_a_cancelled_schedule(tanks, clock):
     """O5: the pieces that were derived from it are computed again."""
     tanks.start("fill", "a")
