@@ -45,6 +45,7 @@ from kbstore.model.results import (
     Run,
     Transaction,
 )
+from kbstore.names import check_is_text
 from kbstore.pddl.strict_names import StrictPddl, strict_domain
 from kbstore.pddl.writer import write_domain
 from kbstore.reading.answers import Answers, Computed
@@ -631,6 +632,8 @@ class KnowledgeBase:
 
     def changes(self, after: int | Change | Transaction = 0) -> Iterator[Change]:
         """Iterate over the transactions after one, in the order of commit, each with all that it did (rule Q6)."""
+        if not isinstance(after, int | Change | Transaction):
+            raise InvalidKnowledge(f"{after!r:.80} is not a transaction; give its number, a Transaction or a Change")
         return self._history.changes(after if isinstance(after, int) else after.number)
 
     def baseline(self, since: TimeLike | None = None, *, most: int | None = None) -> Baseline:
@@ -765,6 +768,7 @@ class KnowledgeBase:
         `duration` is as in `start`; the domain's constraints on it are among the conditions.
         """
         compute = partial(self._applicable, operator, arguments, duration)
+        check_is_text("name", operator, *arguments)
         name = ("applicable", operator, arguments) if duration is None else None
         failing = self._answers.computed(name, compute, at)
         return Applicability(list(failing))

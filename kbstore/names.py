@@ -109,6 +109,13 @@ def check_knowledge_base(name: str) -> None:
         )
 
 
+def check_is_text(what: str, *given: object) -> None:
+    """Raise `InvalidKnowledge` unless everything given, each a `what` ("type"), is text."""
+    for value in given:
+        if not isinstance(value, str):
+            raise InvalidKnowledge(f"{value!r:.80} was given as a {what}, which is text: give a str")
+
+
 _UNSTORABLE = re.compile("[\x00\ud800-\udfff]")
 
 
@@ -120,6 +127,7 @@ def unstorable(text: str) -> int | None:
 
 def check_text(text: str, what: str) -> None:
     """Raise `InvalidKnowledge` if `text`, which is a `what` ("note"), has a character that not every store takes."""
+    check_is_text(what, text)
     place = unstorable(text)
     if place is not None:
         raise InvalidKnowledge(

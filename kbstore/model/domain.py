@@ -9,7 +9,7 @@ from typing import Self, TypeVar
 from kbstore.errors import InvalidKnowledge, UnknownSymbol, one_line
 from kbstore.model.actions import Action
 from kbstore.model.formulas import Formula, Parameter, symbols_in
-from kbstore.names import NameMapping, bracketed, key
+from kbstore.names import NameMapping, bracketed, check_is_text, key
 
 _Symbol = TypeVar("_Symbol")
 
@@ -210,6 +210,7 @@ class Domain:
 
     def type_spelling(self, name: str) -> str:
         """A type's name as the domain writes it. Raises `UnknownSymbol`."""
+        check_is_text("type", name)
         if not self.knows_type(name):
             known = ", ".join(self.types) or ROOT_TYPE
             raise UnknownSymbol(f"the domain {self.name} has no type {one_line(name)}; it has {known}")
@@ -252,6 +253,7 @@ def type_keys(type_text: str) -> tuple[str, ...]:
 
 
 def _find(symbols: Mapping[str, _Symbol], name: str, what: str, domain: str) -> _Symbol:
+    check_is_text(what, name)
     found = symbols.get(key(name))
     if found is None:
         known = ", ".join(getattr(symbol, "name", "?") for symbol in symbols.values())

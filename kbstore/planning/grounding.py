@@ -12,7 +12,7 @@ from kbstore.model.actions import Action
 from kbstore.model.domain import Domain
 from kbstore.model.formulas import And, Atom, Forall, Formula, Parameter, Preference, Timing, Truism
 from kbstore.model.symbols import arity_problem
-from kbstore.names import bracketed, key
+from kbstore.names import bracketed, check_is_text, key
 
 
 @dataclass(frozen=True)
@@ -56,6 +56,7 @@ def ground(domain: Domain, name: str, arguments: tuple[str, ...], world: Interpr
     action = domain.action(name)
     for fluent in domain.object_fluents.keys() & action.symbols if domain.object_fluents else ():
         raise InvalidKnowledge(f"the operator {action.name} cannot be applied: {domain.uncomputed[fluent]}")
+    check_is_text("name of an object", *arguments)
     given = bracketed(action.name, *arguments)
     wrong = arity_problem(Atom(action.name, arguments), action)
     violations = [wrong] if wrong else []

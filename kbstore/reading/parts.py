@@ -9,7 +9,7 @@ from kbstore.evaluation.snapshot import Snapshot
 from kbstore.messages import Condition, Expression, Fact, Function, Goal, Instance, KnowledgeItem, KnowledgeType
 from kbstore.model.domain import Domain
 from kbstore.model.timelines import Role, StateRow
-from kbstore.names import key
+from kbstore.names import check_is_text, key
 from kbstore.reading.answers import Answers, Computed
 from kbstore.reading.item_factory import ItemFactory
 from kbstore.reading.reader import Reader
@@ -33,6 +33,7 @@ class Parts:
         self, type_name: str, at: TimeLike | None, *, include_constants: bool, include_subtypes: bool
     ) -> list[Instance]:
         """Return the objects of a type, or all."""
+        check_is_text("type", type_name)
         wanted = key(type_name)
 
         @cache
@@ -81,6 +82,7 @@ class Parts:
 
     def timed_knowledge(self, name: str, at: TimeLike | None) -> list[KnowledgeItem]:
         """Return the items scheduled to take effect after the time, of one predicate or function, or of all."""
+        check_is_text("predicate or function", name)
         items, domain = self._cached(("timed knowledge",), self._read_scheduled, at)
         if name and domain is not None:
             domain.symbol(name)
@@ -104,6 +106,7 @@ class Parts:
 
         `which` is the key of `fits` in the cache.
         """
+        check_is_text("predicate or function", name)
         read = partial(self._read, role=role, kinds=kinds, name=name, fits=fits)
         return self._cached((role, kinds, key(name), which), read, at)
 

@@ -14,7 +14,7 @@ from kbstore.model.formulas import Atom, Formula, Timing
 from kbstore.model.results import AsOf, Broken, Run
 from kbstore.model.symbols import arity_problem
 from kbstore.model.timelines import Identity, Role, Value, atom_key, fact_value
-from kbstore.names import key, matches
+from kbstore.names import check_is_text, key, matches
 from kbstore.pddl.printer import condition_text
 from kbstore.planning import effects
 from kbstore.planning.grounding import GroundAction
@@ -137,6 +137,7 @@ class Runs:
 
         Raises `UnknownSymbol` or `InvalidKnowledge` unless a version of the domain in the span has such an action.
         """
+        check_is_text("pattern of runs", pattern)
         text = pattern.strip()
         if text.startswith("(") != text.endswith(")") or not text.strip("()"):
             raise InvalidKnowledge(

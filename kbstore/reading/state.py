@@ -27,6 +27,7 @@ from kbstore.model.plain import Data, Result, plain, times
 from kbstore.model.results import QueryResult, Run
 from kbstore.model.symbols import SymbolTable
 from kbstore.model.timelines import Identity, Mentions, Role, fact_value
+from kbstore.names import check_is_text
 from kbstore.pddl.parse import uncertain_atoms
 from kbstore.pddl.strict_names import StrictPddl, strict_problem
 from kbstore.pddl.writer import write_problem
@@ -182,6 +183,7 @@ class State(Result):
 
         Raises `UnknownSymbol` for a type that the domain does not know.
         """
+        check_is_text("type", type_name)
         if self.domain is not None and type_name:
             self.domain.type_spelling(type_name)
         spellings = {row[0].key: row[0].spelling for row in self.snapshot.of(KnowledgeType.INSTANCE)}

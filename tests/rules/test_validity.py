@@ -1,6 +1,7 @@
 """Rules D1 to D4: validation before anything is written, and the domain's part in it."""
 
 import hashlib
+import re
 
 import pytest
 
@@ -787,3 +788,28 @@ def test_a_comment_of_a_domain_can_be_exported(bare, character):
     assert (refused.value.line, refused.value.column) == (2, 6)
     with pytest.raises(kbstore.UnknownSymbol):
         bare.domain  # noqa: B018
+
+
+GIVEN_WITHOUT_TEXT = {
+    "type": lambda kb, given: kb.instances(given),
+    "type in a state": lambda kb, given: kb.state().objects(given),
+    "predicate": lambda kb, given: kb.propositions(given),
+    "function": lambda kb, given: kb.functions(given),
+    "timed knowledge": lambda kb, given: kb.timed_knowledge(given),
+    "operator": lambda kb, given: kb.start(given),
+    "applicable operator": lambda kb, given: kb.applicable(given),
+    "argument": lambda kb, given: kb.apply("clean", given),
+    "pattern of runs": lambda kb, given: kb.runs(given),
+    "client": lambda kb, given: kb.add("(raining)", client=given),
+    "note": lambda kb, given: kb.add("(raining)", note=given),
+    "transaction": lambda kb, given: kb.changes(given),
+}
+
+
+@pytest.mark.parametrize("given", [b"wp0", 1.5, ["wp0"]], ids=repr)
+@pytest.mark.parametrize("use", GIVEN_WITHOUT_TEXT.values(), ids=GIVEN_WITHOUT_TEXT)
+def test_what_is_not_text_is_refused_where_text_is_expected(bare, use, given):
+    """D1: in a sentence that shows what was given, not in Python's about `str.lower`."""
+    bare.load("(define (domain d) (:predicates (raining)) (:action clean :parameters (?x) :effect (raining)))")
+    with pytest.raises(kbstore.InvalidKnowledge, match=re.escape(repr(given))):
+        use(bare, given)
