@@ -64,7 +64,7 @@ TABLES: Mapping[str, Sequence[Row]] = {
         Row("`when`, a fact with 1,000 changes", "fetching its rows", r"when, 1,000 changes; .*"),
         Row("`when`, 3 of its 100,000 changes", "fetching all of its rows", r"when, three of 100,000 changes; .*"),
         Row("`import kbstore`", "`import sqlalchemy, pydantic`", r"import kbstore; .*"),
-        Row("the command `kbstore holds`", _SAME, r"kbstore holds; import.*"),
+        Row("the command `kbstore holds`", "both imports, and one select", r"kbstore holds \(a select\); .*"),
     ),
     "Writing": (
         Row("single durable add", "the same rows by `sqlite3`, with the same settings", r"single durable add; raw, .*"),
@@ -102,8 +102,10 @@ TABLES: Mapping[str, Sequence[Row]] = {
         Row("the same, 10^6", "10^5", r"growth of state at t, .*, 1,000,000; .*"),
         Row("replacing 200 or 1,000 values, 10^6", "10^5, as it grows for the bare statements", r"growth of repl.*"),
         Row("memory while 10^6 facts are ingested", "after half of them", r"memory .*; when half.*"),
-        Row("bytes for each assertion with all indexes, facts that flip", "160", r"bytes .*(uniform|skewed).*"),
-        Row("the same, objects that come and go, whose names are never used twice", "160", r"bytes .*passing.*"),
+        Row(
+            "bytes for each assertion with all indexes, facts that flip", "a goal of 160", r"bytes .*(uniform|skewed).*"
+        ),
+        Row("the same, objects that come and go, whose names are never used twice", _SAME, r"bytes .*passing.*"),
     ),
 }
 """The tables of the page, by heading."""
