@@ -1,6 +1,6 @@
 """Explains why something holds, or does not: the reason, since when, and the transaction that made it so (rule V6)."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Protocol
 
 from kbstore.evaluation import conditions
@@ -12,7 +12,7 @@ from kbstore.model.domain import Domain
 from kbstore.model.expressions import atoms_of
 from kbstore.model.results import Explanation, Transaction
 from kbstore.model.symbols import SymbolTable
-from kbstore.model.timelines import EndCause, Identity, Role, atom_key
+from kbstore.model.timelines import EndCause, Identity, Role, StateRow, atom_key, number_at
 from kbstore.names import is_wildcard, key
 from kbstore.pddl.printer import condition_text
 from kbstore.planning.simulator import TimelineEvent
@@ -32,6 +32,13 @@ _ENDED = {
 }
 
 
+class Rows(Interpretation, Protocol):
+    """An interpretation that has the assertions themselves."""
+
+    def row(self, kind: KnowledgeType, name: str) -> StateRow | None:
+        """The assertion that holds on one timeline of the state."""
+
+
 class Explained(Protocol):
     """A state that can be explained: a whole `State`, or an `ExplainedPoint`, which reads only what it needs."""
 
@@ -44,11 +51,15 @@ class Explained(Protocol):
         """The position in the log whose belief it is; None if it is not a belief of the past."""
 
     @property
+    def draft(self) -> Mapping[Identity, EndCause] | None:
+        """What an open transaction has ended, by timeline, and why; None for a state that is on record."""
+
+    @property
     def domain(self) -> Domain | None:
         """The domain at that time."""
 
     @property
-    def snapshot(self) -> Interpretation:
+    def snapshot(self) -> "Rows":
         """The assertions that hold."""
 
     def explain(self, question: Question) -> Explanation:
@@ -59,8 +70,9 @@ class ExplainedPoint:
     """The state at an interpretation's time, as it is known now."""
 
     belief: LogPosition | None = None
+    draft: Mapping[Identity, EndCause] | None = None
 
-    def __init__(self, explainer: "Explainer", world: Interpretation) -> None:
+    def __init__(self, explainer: "Explainer", world: Rows) -> None:
         self.snapshot = world
         self.at = world.time
         self.domain = world.domain
@@ -145,7 +157,8 @@ class Explainer:
         if state.domain is not None and state.domain.constant_spelling(condition.name) is not None:
             return Explanation(text, truth, f"a constant of the domain {state.domain.name}")
         rows = self._rows(repository, state, KnowledgeType.INSTANCE, key(condition.name))
-        found = self._of_row(repository, state, text, truth, rows, "never told")
+        drafted = self._drafted(state, text, truth, rows, KnowledgeType.INSTANCE, key(condition.name))
+        found = drafted or self._of_row(repository, state, text, truth, rows, "never told")
         if truth is Truth.FALSE and found.reason == "asserted":
             reason = f"an object of type {state.snapshot.type_of(key(condition.name))}"
             return Explanation(text, truth, reason, found.since, found.transaction)
@@ -168,7 +181,9 @@ class Explainer:
         since = max((part.since for part in parts if part.since is not None), default=None)
         transaction = next((part.transaction for part in parts if part.since == since and since is not None), None)
         is_constant = isinstance(condition, formulas.Same | formulas.Truism)
-        if state.belief is None and not is_constant:
+        if state.draft is not None and self._truth_before(repository, state, condition) is not truth:
+            since, transaction = state.at, None
+        elif state.belief is None and not is_constant:
             guess = state.at if since is None else since
             turned = since_when(self._reader, repository, condition, truth, state.at, guess=guess)
             if turned == 0:
@@ -184,6 +199,11 @@ class Explainer:
             composed = "decided by its parts" if parts else "always so" if is_constant else "by all its objects"
             reason = parts[0].reason if len(parts) == 1 else composed
         return Explanation(condition_text(condition), truth, reason, since, transaction, tuple(parts))
+
+    def _truth_before(self, repository: Repository, state: Explained, condition: formulas.Formula) -> Truth:
+        """Return the truth of a condition without what an open transaction has changed."""
+        point = self._reader.resolver.resolve(repository, state.at)
+        return conditions.truth(condition, self._reader.world(repository, point, state.domain))
 
     def _transaction_of(self, repository: Repository, t: int) -> Transaction | None:
         """Return the transaction of a time; None if there was none, or more than one."""
@@ -211,7 +231,36 @@ class Explainer:
             started = self._transaction_of(repository, event.run.started)
             return Explanation(text, truth, f"expected at the end of {event.run.action}", event.time, started)
         absent = "never told" if kind is KnowledgeType.FACT else "undefined function"
-        return self._of_row(repository, state, text, truth, self._rows(repository, state, kind, name), absent)
+        rows = self._rows(repository, state, kind, name)
+        drafted = self._drafted(state, text, truth, rows, kind, name)
+        return drafted or self._of_row(repository, state, text, truth, rows, absent)
+
+    @staticmethod
+    def _drafted(
+        state: Explained, text: str, truth: Truth, rows: Sequence[RecordedAssertion], kind: KnowledgeType, name: str
+    ) -> Explanation | None:
+        """Explain what an open transaction has changed itself; it has no number yet. None for anything else."""
+        if state.draft is None:
+            return None
+        held = state.snapshot.row(kind, name)
+        last = rows[-1] if rows else None
+        stored = None if last is None or last.superseded is not None or last.end_time <= state.at else last
+        if held is None:
+            if stored is None:
+                return None
+            reason = _reason(state.draft.get(Identity(Role.STATE, kind, name), EndCause.REMOVED), kind)
+            return Explanation(text, truth, reason, state.at)
+        since, value = held[1:]
+        if stored is not None:
+            if kind is not KnowledgeType.FUNCTION and value == stored.value:
+                return None
+            if kind is KnowledgeType.FUNCTION and number_at(value, since, state.at) == number_at(
+                stored.value, stored.initial_time, state.at
+            ):
+                return None
+        is_negated = value[0] and kind is not KnowledgeType.INSTANCE
+        reason = "explicitly false" if is_negated else "removed" if value[0] else "asserted"
+        return Explanation(text, truth, reason, since)
 
     def _expected(self, repository: Repository, state: Explained, identity: Identity) -> TimelineEvent | None:
         """Return the last expected change of a timeline up to the state's time; None if there is none (rule O3)."""
@@ -265,8 +314,13 @@ class Explainer:
                 reason = "removed"
         else:
             ((number, cause),) = self._history.enders(repository, [row])
-            reason, since = _ENDED[cause], row.end_time
-            if row.timeline.kind is KnowledgeType.FUNCTION and cause is not EndCause.OBJECT:
-                reason = f"undefined function: {reason}"
+            reason, since = _reason(cause, row.timeline.kind), row.end_time
         transactions = self._history.transactions(repository, [] if number is None else [number])
         return Explanation(text, truth, reason, since, transactions.get(number or 0))
+
+
+def _reason(cause: EndCause, kind: KnowledgeType) -> str:
+    reason = _ENDED[cause]
+    return (
+        f"undefined function: {reason}" if kind is KnowledgeType.FUNCTION and cause is not EndCause.OBJECT else reason
+    )

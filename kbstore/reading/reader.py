@@ -1,6 +1,6 @@
 """Reads the states of a knowledge base."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from types import TracebackType
 from typing import TYPE_CHECKING, NamedTuple
@@ -11,7 +11,7 @@ from kbstore.messages import KnowledgeType
 from kbstore.model.domain import Domain
 from kbstore.model.results import AsOf, Broken, Explanation, Run
 from kbstore.model.symbols import SymbolTable
-from kbstore.model.timelines import StateRow
+from kbstore.model.timelines import EndCause, Identity, StateRow
 from kbstore.planning.rates import RunningAction
 from kbstore.planning.simulator import Simulator
 from kbstore.reading.domains import DomainVersions
@@ -171,8 +171,14 @@ class Reader:
         self._states.put(point.valid_time, past._replace(late=point.head.late))
         return past.data
 
-    def state_of(self, data: StateData, symbols: SymbolTable, as_of: LogPosition | None = None) -> State:
-        """Return the state with some data."""
+    def state_of(
+        self,
+        data: StateData,
+        symbols: SymbolTable,
+        as_of: LogPosition | None = None,
+        draft: Mapping[Identity, EndCause] | None = None,
+    ) -> State:
+        """Return the state with some data; `draft` is what the open transaction has ended whose state it is."""
         return State(
             data,
             belief=as_of,
@@ -181,6 +187,7 @@ class Reader:
             questions=self.questions,
             mentions=mentions,
             explainer=self._explainer,
+            draft=draft,
         )
 
     def _data(self, repository: Repository, point: TemporalPoint, domain: Domain | None) -> StateData:

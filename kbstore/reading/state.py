@@ -1,7 +1,7 @@
 """The state of a knowledge base at one time: what holds, what is scheduled, and what runs."""
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal, TypeVar, cast, overload
 
@@ -26,7 +26,7 @@ from kbstore.model.pictures import Bar, Lane, Look, timeline
 from kbstore.model.plain import Data, Result, plain, times
 from kbstore.model.results import QueryResult, Run
 from kbstore.model.symbols import SymbolTable
-from kbstore.model.timelines import Identity, Mentions, Role, fact_value
+from kbstore.model.timelines import EndCause, Identity, Mentions, Role, fact_value
 from kbstore.names import check_is_text
 from kbstore.pddl.parse import uncertain_atoms
 from kbstore.pddl.strict_names import StrictPddl, strict_problem
@@ -81,12 +81,15 @@ class State(Result):
         questions: PreparedQuestions,
         mentions: Mentions,
         explainer: "Callable[[State, Question], Explanation]",
+        draft: Mapping[Identity, EndCause] | None = None,
     ) -> None:
         self.snapshot = data.snapshot
         """The interpretation against which conditions are evaluated."""
         self.at = self.snapshot.time
         self.as_of = None if belief is None else belief.time
         self.belief = belief
+        self.draft = draft
+        """What an open transaction has ended, by timeline, and why; None for a state that is on record."""
         self.name = name
         self._pending = data.pending
         self._running = data.running

@@ -506,7 +506,9 @@ class OpenTransaction:
     def state(self) -> State:
         """Return the state at the transaction's now, with what it has written itself."""
         self._open_handlers()
-        return self._reader.state_of(self._working.data(self._symbols.domain), self._symbols)
+        data = self._working.data(self._symbols.domain)
+        ended = {state.timeline.identity: state.cause for state in self._change_set.states() if state.value is None}
+        return self._reader.state_of(data, self._symbols, draft=ended)
 
     def holds(self, question: Question) -> bool:
         """Return whether a fact or condition is true in the state as the transaction has it."""
